@@ -3,16 +3,17 @@
 mod contacts;
 mod forces;
 mod geometry;
+mod names;
 
 use super::{
     constraint::{BoundExpression, Constraint, Constraints, Slot, Target},
-    coordinate::{BodyPoint, Coordinate, Frame},
+    coordinate::{BodyPoint, Coordinate},
     description::{
         CouplingOptions, Description, DriverOptions, JointOptions, JointType, MechanismInput, MechanismOutput,
         PlaneVector,
     },
     expression::{Expression, Tables},
-    joints::{Driver, Ends, Joint, JointOption, Measures},
+    joints::{Driver, Ends, Joint, JointOption},
     measure::Measure,
     model::{ActuatorState, MultibodyInput, MultibodyModel, OutputFormula, Prescribed},
     redundancy::Redundancy,
@@ -25,12 +26,11 @@ use crate::{
     signal::Signal,
     unit::is_same,
 };
-use contacts::ContactError;
-use forces::bushing_coordinates;
 pub use geometry::{JointGeometry, MechanismGeometry, geometry};
 use indexmap::IndexMap;
 use nalgebra::{DVector, Vector2};
-use std::{collections::BTreeSet, error::Error, fmt, ops::Range};
+use names::NameError;
+use std::{collections::BTreeSet, error::Error, ops::Range};
 
 /// Part of a model that the stiffness of springs along angles is.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -137,41 +137,6 @@ pub fn limits(description: &Description, values: &[f64]) -> Vec<(Coordinate, [f6
     });
     limits.collect()
 }
-
-/// Reason why a name is not the measure, coordinate or point that is needed, as text with the name.
-#[derive(Clone, Debug, PartialEq, Eq)]
-enum NameError {
-    /// The description has nothing of this name.
-    Unknown(String),
-    /// The name is that of something else, for instance of a force and not of a position.
-    OtherKind(String),
-    /// The contact that the measure belongs to is itself wrong.
-    BrokenContact(ContactError),
-}
-
-impl NameError {
-    /// Error of a part without a measure of this name.
-    fn unknown_measure(owner: &str, what: &str, known: &[&str]) -> Self {
-        Self::Unknown(format!("`{owner}` has no `{what}`, {}", expected_one_of(what, known)))
-    }
-}
-
-impl fmt::Display for NameError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Unknown(message) | Self::OtherKind(message) => f.write_str(message),
-            Self::BrokenContact(error) => error.fmt(f),
-        }
-    }
-}
-
-impl Error for NameError {}
-
-/// Measures of points.
-const POINT_MEASURES: [&str; 6] = ["x", "y", "vx", "vy", "ax", "ay"];
-
-/// Further measures of bodies.
-const BODY_MEASURES: [&str; 3] = ["angle", "angular_velocity", "angular_acceleration"];
 
 /// Names that an expression may use beside those of parameters.
 #[derive(Clone, Copy, PartialEq)]
@@ -452,88 +417,6 @@ impl<'a> MultibodyBuilder<'a> {
         (positions.into_iter().collect(), velocities.into_iter().collect())
     }
 
-    /// Resolves the name of a measure; see [`super::measure`].
-    fn measure(&mut self, name: &str) -> Result<Measure, NameError> {
-        match name {
-            "kinetic_energy" => return Ok(Measure::KineticEnergy),
-            "potential_energy" => return Ok(Measure::PotentialEnergy),
-            _ => {}
-        }
-        let description = self.description;
-        let Some((owner, what)) = name.rsplit_once('.') else {
-            let known: Vec<&str> = description.states.keys().map(String::as_str).collect();
-            let known = if known.is_empty() { String::new() } else { format!(", {}", expected_one_of(name, &known)) };
-            let message = format!("`{name}` is not a measure, expected for instance `BODY.angle`{known}");
-            return Err(NameError::Unknown(message));
-        };
-        let unknown = |known: &[&str]| Err(NameError::unknown_measure(owner, what, known));
-        let one_of = |measures: Measures| {
-            let known: Vec<&str> = measures.iter().map(|(name, _)| *name).collect();
-            let found = measures.iter().find(|(name, _)| *name == what);
-            found.map_or_else(|| unknown(&known), |(_, measure)| Ok(measure.clone()))
-        };
-        if let Some(index) = description.joints.get_index_of(owner) {
-            return one_of(self.joints[index].measures(self.joint_rows(index)));
-        }
-        if let Some((index, _, spring)) = description.springs.get_full(owner) {
-            let ends =
-                spring.between.as_ref().map(|[from, to]| Ok::<_, NameError>([self.point(from)?, self.point(to)?]));
-            let distance = ends.transpose()?.map(|[from, to]| Coordinate::Distance { from, to });
-            return match (what, distance) {
-                ("force", _) => Ok(Measure::SpringEffort(index)),
-                ("length", Some(distance)) => Ok(Measure::Position(distance)),
-                ("velocity", Some(distance)) => Ok(Measure::Velocity(distance)),
-                (_, Some(_)) => unknown(&["length", "velocity", "force"]),
-                (_, None) => unknown(&["force"]),
-            };
-        }
-        if let Some((index, _, bushing)) = description.bushings.get_full(owner) {
-            let springs = (description.springs.len() + 3 * index..).map(Measure::SpringEffort);
-            let [from, to] = [self.point(&bushing.between[0])?, self.point(&bushing.between[1])?];
-            let positions = bushing_coordinates([from, to]);
-            let positions = positions.map(Measure::Position).into_iter().chain(positions.map(Measure::Velocity));
-            let names = ["fx", "fy", "moment", "x", "y", "angle", "vx", "vy", "angular_velocity"];
-            return one_of(names.into_iter().zip(springs.take(3).chain(positions)).collect());
-        }
-        if description.contacts.contains_key(owner) {
-            return self.contact_measure(owner, what);
-        }
-        if let Some(index) = description.couplings.get_index_of(owner) {
-            return one_of(Driver::measures(self.joint_rows(self.joints.len()).start + index));
-        }
-        if let Some(index) = description.drivers.get_index_of(owner) {
-            return one_of(Driver::measures(self.driver_row(index)));
-        }
-        if !owner.contains('.') && owner != "ground" && !description.bodies.contains_key(owner) {
-            let (joints, bodies) = (description.joints.keys(), description.bodies.keys());
-            let names = joints.chain(bodies).chain(description.springs.keys()).chain(description.drivers.keys());
-            let known: Vec<&str> = names.map(String::as_str).chain(["ground"]).collect();
-            let message = format!("no joint or body `{owner}`, {}", expected_one_of(owner, &known));
-            return Err(NameError::Unknown(message));
-        }
-        let point = self.point(owner)?;
-        let (x, y) = (Coordinate::component(point, 0), Coordinate::component(point, 1));
-        let body = description.bodies.get_index_of(owner);
-        let angle = Coordinate::Angle { from: None, to: body };
-        match (what, body) {
-            ("x", _) => Ok(Measure::Position(x)),
-            ("y", _) => Ok(Measure::Position(y)),
-            ("vx", _) => Ok(Measure::Velocity(x)),
-            ("vy", _) => Ok(Measure::Velocity(y)),
-            ("ax", _) => Ok(Measure::Acceleration(x)),
-            ("ay", _) => Ok(Measure::Acceleration(y)),
-            ("angle", Some(_)) => Ok(Measure::Position(angle)),
-            ("angular_velocity", Some(_)) => Ok(Measure::Velocity(angle)),
-            ("angular_acceleration", Some(_)) => Ok(Measure::Acceleration(angle)),
-            (_, Some(body)) if description.bodies[body].points.contains_key(what) => {
-                let message = format!("`{name}` is a point, expected a component such as `{name}.x`");
-                Err(NameError::OtherKind(message))
-            }
-            (_, Some(_)) => unknown(&[&POINT_MEASURES[..], &BODY_MEASURES].concat()),
-            (_, None) => unknown(&POINT_MEASURES),
-        }
-    }
-
     /// A joint's constraints; those of the joint after the last are empty and where the couplings begin.
     fn joint_rows(&self, index: usize) -> Range<usize> {
         let count = |joint: &Joint| joint.held().len();
@@ -553,29 +436,6 @@ impl<'a> MultibodyBuilder<'a> {
         self.joint_rows(self.joints.len()).start + self.description.couplings.len() + before
     }
 
-    /// Resolves the name of a coordinate of a body.
-    fn coordinate(&mut self, name: &str) -> Result<Coordinate, NameError> {
-        match self.measure(name)? {
-            Measure::Position(coordinate) if !coordinate.is_of_body() && !self.is_broken_joint(name) => {
-                let message = format!("`{name}` belongs to the ground, expected a coordinate of a body");
-                Err(NameError::OtherKind(message))
-            }
-            Measure::Position(coordinate) => Ok(coordinate),
-            _ => {
-                let message = format!("`{name}` is not a position, expected for instance `BODY.angle`");
-                Err(NameError::OtherKind(message))
-            }
-        }
-    }
-
-    /// Returns true if a coordinate belongs to a joint whose points are unknown, so that nothing follows from its
-    /// value.
-    fn is_broken_joint(&self, coordinate: &str) -> bool {
-        let owner = coordinate.rsplit_once('.').map_or("", |(owner, _)| owner);
-        let key = format!("joints.{owner}.between");
-        self.problems.iter().any(|known| known.key == key)
-    }
-
     fn ends(&mut self, key: &str, names: &[String; 2]) -> Option<[BodyPoint; 2]> {
         let [from, to] = names.each_ref().map(|name| {
             let point = self.point(name);
@@ -587,30 +447,6 @@ impl<'a> MultibodyBuilder<'a> {
             self.problem(key, format!("both points belong to {owner}"));
         }
         Some([from, to])
-    }
-
-    /// `ground`, `ground.POINT`, `BODY` (its centre of mass) or `BODY.POINT`.
-    fn point(&mut self, name: &str) -> Result<BodyPoint, NameError> {
-        let description = self.description;
-        let (owner, point) = name.split_once('.').map_or((name, None), |(owner, point)| (owner, Some(point)));
-        let (frame, points): (Frame, _) = match description.bodies.get_full(owner) {
-            Some((index, _, body)) => (Some(index), &body.points),
-            None if owner == "ground" => (None, &description.ground.points),
-            None => {
-                let known: Vec<&str> = description.bodies.keys().map(String::as_str).chain(["ground"]).collect();
-                let message = format!("no body `{owner}`, {}", expected_one_of(owner, &known));
-                return Err(NameError::Unknown(message));
-            }
-        };
-        let Some(point) = point else { return Ok(BodyPoint { frame, local: Vector2::zeros() }) };
-        let Some(local) = points.get(point) else {
-            let known: Vec<&str> = points.keys().map(String::as_str).collect();
-            let message = format!("`{owner}` has no point `{point}`, {}", expected_one_of(point, &known));
-            return Err(NameError::Unknown(message));
-        };
-        let key =
-            if frame.is_some() { format!("bodies.{owner}.points.{point}") } else { format!("ground.points.{point}") };
-        Ok(BodyPoint { frame, local: self.vector(&key, local) })
     }
 
     fn vector(&mut self, key: &str, [x, y]: &PlaneVector) -> Vector2<f64> {
