@@ -16,13 +16,14 @@
 mod motions;
 mod outliers;
 mod runs;
+mod sets;
 
 use crate::{
     Error, Result,
     dataset::{Dataset, Run},
-    diagnostics::{KeyProblem, Problems, names::did_you_mean, numbers::counted},
+    diagnostics::{KeyProblem, Problems, names::did_you_mean},
     dynamics::trajectory::Trajectory,
-    sampling::{self, Sets, Stream},
+    sampling::Sets,
     study::{InputOptions, ParameterOptions, Study, read_value},
     table::{Table, runs::check_constants},
     variable::SourceVariable,
@@ -30,7 +31,6 @@ use crate::{
 pub use motions::Motions;
 use runs::{Current, Runs};
 use std::{
-    fmt,
     path::{Path, PathBuf},
     sync::atomic::AtomicBool,
 };
@@ -286,25 +286,6 @@ impl Recorded {
         Ok(table)
     }
 
-    /// The numbers of the runs of each set, in their order. Tests are the last parts of a record, and of several runs random ones.
-    fn choose(&self, count: usize, is_record: bool) -> std::result::Result<Sets<Vec<usize>>, TooFewRuns> {
-        let Self { test_runs, calibration_runs, .. } = *self;
-        let to_train = if self.is_motion { 1 } else { 2 };
-        if count < test_runs + calibration_runs + to_train {
-            let is_motion = self.is_motion;
-            return Err(TooFewRuns { found: count, test_runs, calibration_runs, to_train, is_motion });
-        }
-        let order: Vec<usize> = match is_record {
-            true => (0..count).rev().collect(),
-            false => sampling::permutation(count, sampling::random(self.seed, Stream::Test)),
-        };
-        let mut places = vec![0; count];
-        order.iter().enumerate().for_each(|(place, &run)| places[run] = place);
-        let within = |range: std::ops::Range<usize>| (0..count).filter(|run| range.contains(&places[*run])).collect();
-        let (tests, bounds) = (test_runs, test_runs + calibration_runs);
-        Ok(Sets { train: within(bounds..count), test: within(0..tests), calibration: within(tests..bounds) })
-    }
-
     fn read_long(&self, table: &mut Table, runs: &mut Runs) -> Result<()> {
         let RunColumns { parameters, time, values } = self.names.find_in(table, TableKind::Whole)?;
         table.check_unit(time, Some("s"))?;
@@ -370,36 +351,6 @@ impl Recorded {
         columns.map(|(&column, options)| read_value(table, column, options)).collect()
     }
 }
-
-/// Error of tables with fewer runs than the sets of a study need.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct TooFewRuns {
-    found: usize,
-    test_runs: usize,
-    calibration_runs: usize,
-    /// Fewest training runs.
-    to_train: usize,
-    /// `true` if each run could also be divided in time.
-    is_motion: bool,
-}
-
-impl fmt::Display for TooFewRuns {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { found, test_runs, calibration_runs, to_train, is_motion } = *self;
-        let least = test_runs + calibration_runs + to_train;
-        write!(f, "{}, expected at least {least}: ", counted(found, "run"))?;
-        if test_runs > 0 {
-            write!(f, "{test_runs} for the tests, ")?;
-        }
-        if calibration_runs > 0 {
-            write!(f, "{calibration_runs} for bounds, ")?;
-        }
-        let part = if is_motion { "; `sampling.train_stop` divides every run in time" } else { "" };
-        write!(f, "{to_train} to train{part}")
-    }
-}
-
-impl std::error::Error for TooFewRuns {}
 
 impl RecordedInput {
     fn of(options: &InputOptions) -> Self {
