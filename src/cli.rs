@@ -1,5 +1,7 @@
 //! The command line: definitions only.
 
+mod values;
+
 use crate::templates::TEMPLATES;
 use clap::{
     ArgGroup, Args, ColorChoice, Parser, Subcommand, ValueEnum, ValueHint,
@@ -7,15 +9,11 @@ use clap::{
 };
 use clap_complete::Shell;
 use metafmu::{
-    baselines::BaselineKind,
-    export::Binary,
-    fmi::worker,
-    source::shard::Shard,
-    systems::SYSTEMS,
-    table::writer::{Format, TableExtensionError},
-    variable::DefaultValue,
+    baselines::BaselineKind, export::Binary, fmi::worker, source::shard::Shard, systems::SYSTEMS,
+    table::writer::Format, variable::DefaultValue,
 };
-use std::{fmt, path::PathBuf, time::Duration};
+use std::{path::PathBuf, time::Duration};
+use values::{duration, name_and_value, share, svg_file, table_file, tolerance, tuple_and_file};
 
 /// Makes FMUs of multibody models, recorded runs, other FMUs and trained networks
 ///
@@ -650,11 +648,6 @@ pub struct PredictArgs {
     pub json: bool,
 }
 
-fn table_file(text: &str) -> Result<(PathBuf, Format), TableExtensionError> {
-    let path = PathBuf::from(text);
-    Format::of(&path).map(|format| (path, format))
-}
-
 #[derive(Debug, Args)]
 pub struct SwapArgs {
     /// System: an SSP archive, or a SystemStructure.ssd
@@ -691,66 +684,6 @@ pub struct SwapArgs {
     #[arg(long)]
     pub json: bool,
 }
-
-fn name_and_value(text: &str) -> Result<(String, f64), ValueError> {
-    let (name, value) = text.rsplit_once('=').ok_or(ValueError::Unexpected { expected: "NAME=VALUE" })?;
-    let number = value.trim().parse().map_err(|_| ValueError::NotANumber(value.to_owned()))?;
-    Ok((name.trim().to_owned(), number))
-}
-
-fn duration(text: &str) -> Result<Duration, ValueError> {
-    let seconds = text.parse().ok().filter(|seconds| *seconds > 0.0);
-    let duration = seconds.and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());
-    duration.ok_or(ValueError::Unexpected { expected: "a positive number of seconds" })
-}
-
-fn tolerance(text: &str) -> Result<f64, ValueError> {
-    let number = text.parse().ok().filter(|number| (1e-13..=0.1).contains(number));
-    number.ok_or(ValueError::Unexpected { expected: "a number from 1e-13 to 0.1" })
-}
-
-fn share(text: &str) -> Result<f64, ValueError> {
-    let number = text.parse().ok().filter(|number: &f64| number.is_finite() && *number >= 0.0);
-    number.ok_or(ValueError::Unexpected { expected: "0 or a positive number" })
-}
-
-fn svg_file(text: &str) -> Result<PathBuf, ValueError> {
-    let path = PathBuf::from(text);
-    match path.extension() {
-        Some(extension) if !extension.eq_ignore_ascii_case("svg") => Err(ValueError::PlotExtension),
-        _ => Ok(path),
-    }
-}
-
-fn tuple_and_file(text: &str) -> Result<(String, PathBuf), ValueError> {
-    let (tuple, file) = text.split_once('=').ok_or(ValueError::Unexpected { expected: "TUPLE=FILE" })?;
-    Ok((tuple.trim().to_owned(), PathBuf::from(file)))
-}
-
-/// Reason why the value of an option is refused; clap puts the option and the value in front.
-#[derive(Debug)]
-enum ValueError {
-    /// The value has another form, or is outside of the range.
-    Unexpected { expected: &'static str },
-    /// Text in place of the number in `NAME=VALUE`.
-    NotANumber(String),
-    /// Name of a plot's file that ends in the extension of another format.
-    PlotExtension,
-}
-
-impl fmt::Display for ValueError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Unexpected { expected } => write!(f, "expected {expected}"),
-            Self::NotANumber(text) => write!(f, "`{text}` is not a number"),
-            Self::PlotExtension => {
-                f.write_str("plots are SVG, which every browser opens: expected a file that ends in .svg")
-            }
-        }
-    }
-}
-
-impl std::error::Error for ValueError {}
 
 #[cfg(test)]
 mod tests {
