@@ -180,7 +180,7 @@ impl GraphReader {
         let mut chosen: Vec<Vec<usize>> = shape.iter().map(|dim| (0..*dim).collect()).collect();
         for (((start, end), at), step) in starts.iter().zip(&ends).zip(&axes).zip(&steps) {
             let at = axis(*at, shape.len())?;
-            chosen[at] = sliced(shape[at] as i64, (*start, *end, *step))?;
+            chosen[at] = Slice { start: *start, end: *end, step: *step }.positions(shape[at] as i64)?;
         }
         self.chosen(&value, &chosen)
     }
@@ -251,26 +251,37 @@ impl GraphReader {
     }
 }
 
-/// The positions that a slice takes of `length`.
-fn sliced(length: i64, (start, end, step): (i64, i64, i64)) -> Result<Vec<usize>, ImportError> {
-    if step == 0 {
-        return Err(ImportError::malformed("a step of 0"));
-    }
-    let within = |place: i64, lowest: i64, highest: i64| {
-        (if place < 0 { place.saturating_add(length) } else { place }).clamp(lowest, highest)
-    };
-    let (first, limit) = match step > 0 {
-        true => (within(start, 0, length), within(end, 0, length)),
-        false => (within(start, -1, length - 1), if end == i64::MIN { -1 } else { within(end, -1, length - 1) }),
-    };
-    let mut found = Vec::new();
-    let mut place = first;
-    while (step > 0 && place < limit) || (step < 0 && place > limit) {
-        found.push(place as usize);
-        place = match place.checked_add(step) {
-            Some(next) => next,
-            None => break,
+/// A slice along an axis, as the operator `Slice` has it: negative positions count from the end.
+struct Slice {
+    start: i64,
+    end: i64,
+    step: i64,
+}
+
+impl Slice {
+    /// The positions that it takes of `length`.
+    fn positions(&self, length: i64) -> Result<Vec<usize>, ImportError> {
+        let Self { start, end, step } = *self;
+        let (first, limit) = match step {
+            0 => return Err(ImportError::malformed("a step of 0")),
+            1.. => (from_start(start, length).clamp(0, length), from_start(end, length).clamp(0, length)),
+            _ if end == i64::MIN => (from_start(start, length).clamp(-1, length - 1), -1),
+            _ => (from_start(start, length).clamp(-1, length - 1), from_start(end, length).clamp(-1, length - 1)),
         };
+        let mut positions = Vec::new();
+        let mut position = first;
+        while (step > 0 && position < limit) || (step < 0 && position > limit) {
+            positions.push(position as usize);
+            position = match position.checked_add(step) {
+                Some(next) => next,
+                None => break,
+            };
+        }
+        Ok(positions)
     }
-    Ok(found)
+}
+
+/// A position counted from the start.
+fn from_start(position: i64, length: i64) -> i64 {
+    if position < 0 { position.saturating_add(length) } else { position }
 }
