@@ -6,10 +6,9 @@ use crate::{
     diagnostics::names::expected_one_of,
     fmi::model_description::{Causality, ModelDescription, ScalarVariable, Variability},
     table::Table,
-    variable::{DefaultValue, MatchedVariables, Need, WantedVariable, match_variables},
+    variable::{DefaultValue, MatchedVariables, Need, VariableMatchError, WantedVariable, match_variables},
 };
 use serde::{Deserialize, Serialize};
-use std::fmt;
 
 /// Column of the times of rows.
 const TIME: &str = "time";
@@ -27,21 +26,6 @@ pub struct Inputs {
     /// A value for each name at each time.
     pub rows: Vec<Vec<f64>>,
 }
-
-/// Error of a table whose columns are not the inputs of an FMU.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct UnmatchedInputs {
-    /// The inputs that lack a column together, then each column that is no input.
-    pub problems: Vec<String>,
-}
-
-impl fmt::Display for UnmatchedInputs {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.problems.join("; "))
-    }
-}
-
-impl std::error::Error for UnmatchedInputs {}
 
 impl Inputs {
     /// Reads a table: its column `time`, in s, and columns with the names of inputs.
@@ -109,13 +93,13 @@ impl Inputs {
     /// `defaults` must ask for, and lines about them. Inputs for which `is_optional` is true may keep their start values.
     ///
     /// # Errors
-    /// `UnmatchedInputs` with all inputs that lack a column, and all columns that are no inputs.
+    /// [`VariableMatchError`] with all inputs that lack a column, and all columns that are no inputs.
     pub fn complete<'a>(
         &'a self,
         description: &'a ModelDescription,
         is_optional: impl Fn(&str) -> bool,
         defaults: &[DefaultValue],
-    ) -> std::result::Result<(Vec<(String, f64)>, MatchedVariables), UnmatchedInputs> {
+    ) -> std::result::Result<(Vec<(String, f64)>, MatchedVariables), VariableMatchError> {
         let is_wanted = |variable: &&ScalarVariable| {
             let is_number = variable.kind.is_number() && variable.dimensions.is_empty();
             variable.causality == Causality::Input && is_number && !is_optional(&variable.name)
@@ -145,14 +129,15 @@ impl Inputs {
                 format!("column `{name}` is no variable of the FMU, {}", expected_one_of(name, &known))
             }
         });
-        let problems: Vec<String> = matched.as_ref().err().map(ToString::to_string).into_iter().chain(others).collect();
+        let missing = matched.as_ref().err().map_or(&[][..], |error| &error.problems);
+        let problems: Vec<String> = missing.iter().cloned().chain(others).collect();
         match matched {
             Ok(matched) if problems.is_empty() => {
                 let constant = wanted.iter().zip(&matched.columns).zip(&matched.values);
                 let constant = constant.filter(|((_, column), _)| column.is_none());
                 Ok((constant.map(|((variable, _), value)| (variable.name.to_owned(), *value)).collect(), matched))
             }
-            _ => Err(UnmatchedInputs { problems }),
+            _ => Err(VariableMatchError { problems }),
         }
     }
 
