@@ -76,26 +76,28 @@ fn unsuitable_rows(message: &str) -> BaselineError {
 /// Logarithms of the lengths, and of the square of the noise, of the greatest likelihood of `kernel_rows` rows.
 fn parameters(model: &GaussianProcess, rows: &StandardizedRows, output: usize) -> Option<Vec<f64>> {
     let inputs = rows.inputs as f64;
-    let mut bounds = vec![LENGTHS; rows.inputs];
-    bounds.push([LEAST_NOISE.ln(), 0.0]);
-    let search = |rows: &OutputRows, start: Vec<f64>| {
-        bfgs::least(start, &bounds, model.steps, |parameters| {
-            Process::new(rows, parameters).map(|process| process.unlikelihood(rows, parameters))
-        })
-    };
     let few = OutputRows::of(rows, output, model.kernel_rows.min(FIRST_ROWS));
     let usual = |length: f64| (length * inputs.powf(0.25)).ln();
     let start = |length: f64, noise: f64| [vec![usual(length); rows.inputs], vec![2.0 * noise.ln()]].concat();
     let starts = FIRST_LENGTHS.map(|length| start(length, model.noise));
     let noisy = (model.noise < NOISY_START).then(|| start(FIRST_LENGTHS[0], NOISY_START));
     let first = starts.into_iter().chain(short_start(model, &few)).chain(noisy);
-    let first = first.filter_map(|start| search(&few, start));
+    let first = first.filter_map(|start| search(model, &few, start));
     let best = first.min_by(|a, b| a.value.total_cmp(&b.value))?;
     if model.kernel_rows.min(rows.len()) <= FIRST_ROWS {
         return Some(best.point);
     }
     let more = OutputRows::of(rows, output, model.kernel_rows);
-    search(&more, best.point).map(|best| best.point)
+    search(model, &more, best.point).map(|best| best.point)
+}
+
+/// The likeliest parameters near a start; none if the covariance is singular there.
+fn search(model: &GaussianProcess, rows: &OutputRows, start: Vec<f64>) -> Option<bfgs::Best> {
+    let mut bounds = vec![LENGTHS; rows.inputs];
+    bounds.push([LEAST_NOISE.ln(), 0.0]);
+    bfgs::least(start, &bounds, model.steps, |parameters| {
+        Process::new(rows, parameters).map(|process| process.unlikelihood(rows, parameters))
+    })
 }
 
 /// The likeliest start with short lengths: functions that change many times within the range of an input are noise to long ones.

@@ -235,13 +235,16 @@ pub fn predict(surrogate: &Surrogate, evaluator: &Evaluator, run: &Run) -> Vec<f
 /// Predictions of a surrogate without states for rows of its inputs.
 pub fn predict_rows(surrogate: &Surrogate, points: &Rows) -> Rows {
     let evaluator = Evaluator::new(surrogate);
-    let predict = |evaluator: &mut Evaluator, row: usize| {
-        let mut outputs = vec![0.0; surrogate.outputs().len()];
-        evaluator.evaluate(&points[row], &mut outputs);
-        outputs
-    };
-    let rows: Vec<Vec<f64>> = (0..points.len()).into_par_iter().map_init(|| evaluator.clone(), predict).collect();
-    rows.into_iter().collect()
+    let rows = (0..points.len()).into_par_iter();
+    let predictions =
+        rows.map_init(|| evaluator.clone(), |evaluator, row| predict_row(surrogate, evaluator, &points[row]));
+    predictions.collect::<Vec<_>>().into_iter().collect()
+}
+
+fn predict_row(surrogate: &Surrogate, evaluator: &mut Evaluator, point: &[f64]) -> Vec<f64> {
+    let mut outputs = vec![0.0; surrogate.outputs().len()];
+    evaluator.evaluate(point, &mut outputs);
+    outputs
 }
 
 /// Predictions of the surrogate for each run, see [`predict`].

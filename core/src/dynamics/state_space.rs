@@ -35,8 +35,7 @@ pub fn fit_functions(
 ) -> Result<FittedFunctions, DictionaryError> {
     let functions = samples.labels.width();
     let largest = |function: usize| {
-        let values = samples.labels.column(function).chain(unseen.labels.column(function)).map(f64::abs);
-        let largest = values.fold(0.0, f64::max);
+        let largest = samples.labels.largest_magnitude(function).max(unseen.labels.largest_magnitude(function));
         if largest > 0.0 { largest } else { 1.0 }
     };
     let scales: Vec<f64> = (0..functions).map(largest).collect();
@@ -85,8 +84,7 @@ mod tests {
 
     fn samples(count: usize, seed: u64, of: impl Fn(&[f64]) -> Vec<f64>) -> EquationSamples {
         let mut generator = ChaCha8Rng::seed_from_u64(seed);
-        let point = |_| [(); 3].map(|()| 4.0 * generator.random::<f64>() - 2.0);
-        let points: Rows = (0..count).map(point).collect();
+        let points: Rows = (0..count).map(|_| [(); 3].map(|()| 4.0 * generator.random::<f64>() - 2.0)).collect();
         let labels = points.iter().map(of).collect();
         EquationSamples { points, labels }
     }

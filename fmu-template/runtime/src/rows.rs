@@ -12,11 +12,6 @@ pub struct Rows {
 }
 
 impl Rows {
-    /// No rows yet, with space for `count` of this width.
-    pub fn with_capacity(width: usize, count: usize) -> Self {
-        Self { width, count: 0, values: Vec::with_capacity(width * count) }
-    }
-
     /// Rows of zeros.
     pub fn zeros(width: usize, count: usize) -> Self {
         Self { width, count, values: vec![0.0; width * count] }
@@ -32,7 +27,7 @@ impl Rows {
         self.count == 0
     }
 
-    /// Numbers in a row; zero as long as there is none.
+    /// Numbers in a row; that of the first row pushed.
     pub fn width(&self) -> usize {
         self.width
     }
@@ -55,6 +50,11 @@ impl Rows {
     /// Iterator over the numbers of a column.
     pub fn column(&self, column: usize) -> impl Iterator<Item = f64> + Clone {
         self.iter().map(move |row| row[column])
+    }
+
+    /// Largest magnitude in a column; zero without rows.
+    pub fn largest_magnitude(&self, column: usize) -> f64 {
+        self.column(column).map(f64::abs).fold(0.0, f64::max)
     }
 
     /// Some of the rows.
@@ -161,6 +161,7 @@ mod tests {
         assert_eq!((rows.len(), rows.width()), (3, 2));
         assert_eq!(rows[1], [3.0, 4.0]);
         assert_eq!(rows.column(1).collect::<Vec<_>>(), [2.0, 4.0, 6.0]);
+        assert_eq!(Rows::from_iter([[1.0], [-3.0], [2.0]]).largest_magnitude(0), 3.0);
         assert_eq!(rows.part(1..3).values(), [3.0, 4.0, 5.0, 6.0]);
         assert_eq!(rows.pick(&[2, 0]).values(), [5.0, 6.0, 1.0, 2.0]);
         assert_eq!(rows.select(&[1, 0, 1])[2], [6.0, 5.0, 6.0]);

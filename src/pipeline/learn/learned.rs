@@ -52,7 +52,7 @@ pub(super) fn ask(project: &Project, model: &WorkerModel, points: &Rows) -> Resu
 /// Random points in ranges, the same ones for the same seed; more of them begin with the same ones.
 pub(super) fn random_points(ranges: &[[f64; 2]], count: usize, seed: u64) -> Rows {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
-    let mut points = Rows::with_capacity(ranges.len(), count);
+    let mut points = Rows::default();
     for _ in 0..count {
         let point: Vec<f64> = ranges.iter().map(|[min, max]| min + random.random::<f64>() * (max - min)).collect();
         points.push(&point);
@@ -81,8 +81,8 @@ pub(super) fn used(project: &Project, model: &WorkerModel, ranges: &[[f64; 2]], 
         })
     });
     let found = ask(project, model, &pairs.collect())?;
-    let largest = |label: usize| found.column(label).fold(0.0f64, |largest, value| largest.max(value.abs()));
-    let limits: Vec<(usize, f64)> = labels.iter().map(|label| (*label, SAME * largest(*label))).collect();
+    let limits: Vec<(usize, f64)> =
+        labels.iter().map(|label| (*label, SAME * found.largest_magnitude(*label))).collect();
     let differs = |pair: usize| {
         let (low, high) = (&found[2 * pair], &found[2 * pair + 1]);
         limits.iter().any(|(label, limit)| (low[*label] - high[*label]).abs() > *limit)

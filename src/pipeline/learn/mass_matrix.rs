@@ -219,7 +219,7 @@ impl<'a> AskedProgram<'a> {
                 labels.iter().zip(&points).all(|(label, point)| same(label[column], point[p + e + state]))
             };
             let values: Vec<f64> = labels.column(column).collect();
-            let largest = values.iter().fold(0.0f64, |largest, value| largest.max(value.abs()));
+            let largest = labels.largest_magnitude(column);
             if let Some(state) = (0..2 * n).find(|state| is(*state)) {
                 let position = shown.position(ShownPosition::Coordinate(state % n));
                 shown.outputs.push(if state < n { Shown::Position(position) } else { Shown::Velocity(position) });

@@ -438,7 +438,7 @@ fn difference(labels: &[f64], values: &[f64]) -> Vec<f64> {
 impl Rest {
     /// Derivatives of some functions along each coordinate, in these units: row by row and, in a row, coordinate by coordinate.
     fn tangents(&self, outputs: &[usize], units: &[f64]) -> Rows {
-        let mut tangents = Rows::with_capacity(outputs.len(), self.gradients.len() * units.len());
+        let mut tangents = Rows::default();
         for gradient in &self.gradients {
             for (k, unit) in units.iter().enumerate() {
                 let along = outputs.iter().map(|output| unit * gradient[output * units.len() + k]);
@@ -451,7 +451,7 @@ impl Rest {
 
 /// Derivatives of columns along each coordinate, in these units: row by row and, in a row, coordinate by coordinate.
 fn tangents(columns: &[NetworkColumn], points: &Rows, units: &[f64]) -> Rows {
-    let mut tangents = Rows::with_capacity(columns.len(), points.len() * units.len());
+    let mut tangents = Rows::default();
     for point in points {
         for (k, unit) in units.iter().enumerate() {
             let slope = |column: &NetworkColumn| if column.of == k { unit * column.slope(point) } else { 0.0 };

@@ -285,7 +285,7 @@ fn recognize(samples: EquationSamples, &[_, _, states]: &[usize; 3]) -> Recogniz
     let width = samples.labels.width();
     let EquationSamples { points, labels } = samples;
     let same = |label: usize, of: &dyn Fn(usize) -> f64| {
-        let largest = labels.column(label).map(f64::abs).fold(0.0, f64::max);
+        let largest = labels.largest_magnitude(label);
         (0..points.len()).all(|row| (labels[row][label] - of(row)).abs() <= SAME * largest)
     };
     let mut functions: Vec<usize> = Vec::new();
@@ -309,7 +309,7 @@ fn recognize(samples: EquationSamples, &[_, _, states]: &[usize; 3]) -> Recogniz
 
 /// Residuals of a dictionary.
 fn residuals(dictionary: &Dictionary, samples: &EquationSamples) -> Rows {
-    let mut residuals = Rows::with_capacity(dictionary.outputs(), samples.points.len());
+    let mut residuals = Rows::default();
     let mut values = vec![0.0; dictionary.outputs()];
     for (point, labels) in samples.points.iter().zip(&samples.labels) {
         dictionary.evaluate(point, &mut values);

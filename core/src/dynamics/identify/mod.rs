@@ -446,8 +446,9 @@ pub fn fit_accelerations(factors: &[Factor], trajectories: &[Trajectory]) -> Res
     };
     let (seen, unseen, all) =
         (samples(&|rows| 0..split(rows)), samples(&|rows| split(rows)..rows), samples(&|rows| 0..rows));
-    let largest = |k: usize| all.labels.column(k).map(f64::abs).fold(f64::MIN_POSITIVE, f64::max);
-    let scales: Vec<f64> = (0..trajectories[0].coordinates).map(largest).collect();
+    let scales: Vec<f64> = (0..trajectories[0].coordinates)
+        .map(|coordinate| all.labels.largest_magnitude(coordinate).max(f64::MIN_POSITIVE))
+        .collect();
     let solve = |order: [usize; 2], samples: &EquationSamples| -> Option<Dictionary> {
         let exponents = terms::exponents(factors, order);
         if exponents.len() > MOST_COEFFICIENTS || samples.points.len() < 2 * exponents.len() {
