@@ -9,7 +9,7 @@ no step of scipy jumps over a force that acts for longer.
 training.json states the error of the solver, `wanted`, as that of a start, and the error of the equations, relative to the largest. To find the bound of
 an output at a time t, each component of the truth's initial state is perturbed: by `wanted`, and by what the equations' error adds up to.
 This is the largest rate of the state in the run times the error times t. The bound is the largest change up to this time. It is at least the
-sum of both errors, for reactions with that of their functions, times the output's range in training or in this run. The truth is not exact
+sum of both errors and that of forces, times the output's range in training or in this run. The truth is not exact
 either: what it changes by at ten times its tolerance is added. For each corner the script prints the largest error over this bound while
 `in_domain` is true, and how long it is true. It exits with 1 if an error passes the bound there, or if a step inside the domain fails.
 
@@ -57,8 +57,16 @@ def header(model):
 
 
 def error_of_equations(training):
-    """Error of the equations that are exported: that of a network is the largest at corners of the domain."""
-    return training["corners"]["error"] if "corners" in training else training["error"]
+    """Error of the equations that are exported: it is the largest at corners of the domain."""
+    of_dictionary = training["error"] if training["exported"] == "dictionary" else 0.0
+    return max(of_dictionary, training["corners"]["accelerations"]["error"] if "corners" in training else 0.0)
+
+
+def error_of_forces(training):
+    """Error of forces of joints, drivers and springs, which are learned separately: at unseen configurations, and at corners of the domain."""
+    of_functions = training["reactions"]["error"] if "reactions" in training else 0.0
+    at_corners = training.get("corners", {}).get("forces", {"error": 0.0})
+    return max(of_functions, at_corners["error"])
 
 
 def coordinates(study):
@@ -241,8 +249,7 @@ def check(mechanism, options, folder):
         state.setdefault("range", of)
     of_equations = error_of_equations(training)
     stated = solver["wanted"] + of_equations
-    # reactions are learned separately, with another error
-    stated_of_outputs = stated + (training["reactions"]["error"] if training.get("reactions") else 0.0)
+    stated_of_outputs = stated + error_of_forces(training)
     ranges = np.array([output["max"] - output["min"] for output in model["outputs"]])
     step = study["time"]["step"] * options.every
     times = [step * row for row in range(round((options.stop or study["time"]["stop"]) / step) + 1)]

@@ -6,11 +6,12 @@ use super::{
     least_squares::{self, DictionaryError},
     terms,
 };
-use crate::multibody::{Mechanism, MotionCause, MotionError};
+use crate::multibody::{Mechanism, MotionCause, MotionError, measure::Measure, reduced::Reduced};
 use metafmu_runtime::{
-    Rows,
+    Rows, Shown,
     dictionary::{Dictionary, Factor},
 };
+use nalgebra::DVector;
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -19,6 +20,21 @@ use std::ops::Range;
 pub struct Equations<'a> {
     labels: MechanismRegion<'a>,
     region: &'a Region,
+}
+
+/// The equations with values of the parameters, which follow a motion: each configuration is found from the one before.
+pub struct EquationsWithParameters<'e> {
+    reduced: Reduced,
+    /// Forces of joints, drivers and springs that outputs show.
+    measures: &'e [Measure],
+}
+
+/// Accelerations and forces that follow from a state and the inputs.
+pub struct ExactMotion {
+    /// Accelerations of the coordinates.
+    pub accelerations: Vec<f64>,
+    /// Forces of joints, drivers and springs, by their positions in [`Shown::Reaction`].
+    pub reactions: Vec<f64>,
 }
 
 /// Number of configurations at which the effect of a column is checked.
@@ -160,8 +176,25 @@ impl<'a> Equations<'a> {
     /// An error if the configuration cannot be reached.
     pub fn accelerations_at(&self, point: &[f64]) -> Result<Vec<f64>, MotionError> {
         let (configuration, v, u) = self.parts(point);
-        let configured = self.labels.configured(configuration)?;
-        configured.accelerations(&configuration[..self.labels.coordinates()], v, u)
+        self.labels.configured(configuration)?.accelerations(v, u)
+    }
+
+    /// With values of the region's parameters.
+    ///
+    /// # Errors
+    /// An error: what [`Mechanism::reduced`] says.
+    pub fn with(&self, parameters: &[f64]) -> Result<EquationsWithParameters<'_>, MotionError> {
+        let point: Vec<f64> =
+            std::iter::repeat_n(0.0, self.labels.coordinates()).chain(parameters.iter().copied()).collect();
+        Ok(EquationsWithParameters {
+            reduced: self.labels.reduced(&point)?,
+            measures: &self.labels.outputs().reactions,
+        })
+    }
+
+    /// Quantity that each output shows.
+    pub fn shown(&self) -> &[Shown] {
+        &self.labels.outputs().shown
     }
 
     /// `(q, p)`, `v` and `u`.
@@ -190,6 +223,21 @@ impl<'a> Equations<'a> {
         }
         state.extend(self.region.inputs.iter().map(|range| within(*range)));
         state
+    }
+}
+
+impl EquationsWithParameters<'_> {
+    /// Accelerations and forces in a state with velocities `v` and inputs `u`.
+    ///
+    /// # Errors
+    /// An error if the configuration cannot be reached.
+    pub fn motion(&self, q: &[f64], v: &[f64], u: &[f64]) -> Result<ExactMotion, MotionError> {
+        let [q, v] = [q, v].map(DVector::from_column_slice);
+        let terms = self.reduced.terms(&q)?;
+        let accelerations = self.reduced.accelerations(&terms, &v, u)?;
+        let sample = self.reduced.sample(&terms, &v, &accelerations, u)?;
+        let reactions = self.measures.iter().map(|measure| measure.value(self.reduced.model(), &sample));
+        Ok(ExactMotion { reactions: reactions.collect(), accelerations: accelerations.iter().copied().collect() })
     }
 }
 

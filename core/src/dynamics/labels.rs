@@ -599,9 +599,9 @@ fn largest_force(reduced: &Reduced, terms: &Terms, k: usize) -> f64 {
 
 impl Configured {
     /// The accelerations.
-    pub(super) fn accelerations(&self, q: &[f64], v: &[f64], u: &[f64]) -> Result<Vec<f64>, MotionError> {
-        let [q, v] = [q, v].map(DVector::from_column_slice);
-        Ok(self.reduced.accelerations(&q, &v, u)?.iter().copied().collect())
+    pub(super) fn accelerations(&self, v: &[f64], u: &[f64]) -> Result<Vec<f64>, MotionError> {
+        let v = DVector::from_column_slice(v);
+        Ok(self.reduced.accelerations(&self.terms, &v, u)?.iter().copied().collect())
     }
 }
 

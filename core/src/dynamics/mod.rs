@@ -29,7 +29,7 @@ mod tests;
 
 use crate::multibody::{Mechanism, MotionError};
 pub use assembly::{Assembled, Assembly};
-pub use equations::Equations;
+pub use equations::{Equations, EquationsWithParameters, ExactMotion};
 use labels::{Label, MechanismRegion, RegionPoint};
 pub use least_squares::DictionaryError;
 pub use mass_matrix::{ENOUGH, FittedMassMatrix, MassMatrixProblem, acceleration_error};

@@ -50,7 +50,7 @@ pub(super) fn in_configuration(reduced: &Reduced, terms: &Terms, measures: &[Mea
         t: 0.0,
         q: terms.q.clone(),
         v,
-        z: Vec::new(),
+        u: Vec::new(),
         qdd: still.clone(),
         multipliers,
     };

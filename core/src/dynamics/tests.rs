@@ -63,7 +63,7 @@ fn assert_exact(text: &str, region: &Region, [q, v, u, p]: [&[f64]; 4], bound: f
         })
         .collect();
     let reduced = mechanism.reduced(&values, &names).unwrap();
-    let exact = reduced.accelerations(&q.to_vec().into(), &v.to_vec().into(), u).unwrap();
+    let exact = reduced.accelerations(&reduced.terms(&q.to_vec().into()).unwrap(), &v.to_vec().into(), u).unwrap();
     for (found, exact) in found.iter().zip(&exact) {
         assert!((found - exact).abs() < bound * (1.0 + exact.abs()), "{found} {exact}");
     }
@@ -364,7 +364,8 @@ fn a_closed_loop_is_put_together_at_any_coordinate() {
     }
 }
 
-/// Outputs that are forces, in a state: as learned, and as the augmented formulation has them.
+/// Outputs that are forces, in a state: as learned, and as the augmented formulation has them. The exact equations must agree with the
+/// latter.
 fn forces(text: &str, region: &Region, [q, v, u, p]: [&[f64]; 4]) -> [Vec<f64>; 2] {
     let mechanism = parse(text);
     let fitted = fit(&mechanism, region, 1).unwrap();
@@ -389,10 +390,14 @@ fn forces(text: &str, region: &Region, [q, v, u, p]: [&[f64]; 4]) -> [Vec<f64>; 
     let start = RunStart { coordinates: &names, positions: q, rates: v, actuator_states: &[] };
     let row = mechanism.simulate_from(&values, start, &signals, &[0.0], integration).unwrap();
     let of_output = |name: &String| row[mechanism.outputs().iter().position(|output| output.name == *name).unwrap()];
-    [
-        shown(reactions.evaluate(StatePoint { u: &efforts, ..point }, &accelerations)),
-        region.outputs.iter().map(of_output).collect(),
-    ]
+    let simulated: Vec<f64> = region.outputs.iter().map(of_output).collect();
+    let around = |values: &[f64]| values.iter().map(|value| [value - 1.0, value + 1.0]).collect();
+    let region = Region { velocities: around(v), inputs: around(u), ..region.clone() };
+    let exact = Equations::new(&mechanism, &region).unwrap().with(p).unwrap().motion(q, v, u).unwrap();
+    let of_forces = shown(exact.reactions).into_iter().zip(&simulated).filter(|(force, _)| !force.is_nan());
+    let (exact, expected) = of_forces.unzip();
+    assert_alike([exact, expected], 1e-9);
+    [shown(reactions.evaluate(StatePoint { u: &efforts, ..point }, &accelerations)), simulated]
 }
 
 fn named(outputs: &[&str]) -> Vec<String> {

@@ -77,9 +77,8 @@ impl<'a> Bending<'a> {
     }
 
     /// Begins the part from a sample to a time.
-    pub fn begin(&self, model: &MultibodyModel, from: &Sample, to: f64) {
-        let u = model.at(from.t, &from.z);
-        let values = self.values(from.t, &from.q, &from.v, &u);
+    pub fn begin(&self, from: &Sample, to: f64) {
+        let values = self.values(from.t, &from.q, &from.v, &from.u);
         // inputs may jump at the end
         let end = to - 1e-9 * (to - from.t);
         self.observed.replace(Observed {
@@ -128,7 +127,7 @@ impl<'a> Bending<'a> {
     /// Share of the time up to a sample, from 0 to 1, within which nothing is stepped over.
     pub fn share_up_to(&self, model: &MultibodyModel, sample: &Sample) -> f64 {
         let Observed { end, accepted, .. } = &mut *self.observed.borrow_mut();
-        let u = model.at(*end, &sample.z);
+        let u = model.at(*end, sample.actuator_states(model));
         accepted.push(ObservedPoint { t: *end, values: self.values(*end, &sample.q, &sample.v, &u) });
         let paths: Vec<ArgumentPath> = (0..self.arguments.len()).map(|argument| path(accepted, argument)).collect();
         step_over(&self.arguments, &paths).share

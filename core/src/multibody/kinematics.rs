@@ -163,11 +163,12 @@ impl<'a> Way<'a> {
     /// With the multipliers of `M qdd + C_q^T lambda = F_a`.
     fn sample(&self, position: &Position) -> Result<Sample, MotionError> {
         let Position { t, q, v, qdd } = position;
-        let forces = self.model.applied_forces(*t, q, v, &self.model.at(*t, &[])) - self.model.mass.component_mul(qdd);
+        let u = self.model.at(*t, &[]);
+        let forces = self.model.applied_forces(*t, q, v, &u) - self.model.mass.component_mul(qdd);
         let multipliers = self.model.constraints.gradients(q).dense().lu().solve(&forces);
         let multipliers = multipliers.ok_or_else(|| self.obstacle(*t, *t, q))?;
         self.model.check(*t, q, v)?;
-        Ok(Sample { t: *t, q: q.clone(), v: v.clone(), z: Vec::new(), qdd: qdd.clone(), multipliers })
+        Ok(Sample { t: *t, q: q.clone(), v: v.clone(), u, qdd: qdd.clone(), multipliers })
     }
 
     /// Largest entry, in radians and lever arms.

@@ -93,7 +93,7 @@ impl Measure {
 
     /// Value in a sample.
     pub fn value(&self, model: &MultibodyModel, sample: &Sample) -> f64 {
-        let Sample { t, q, v, z, qdd, multipliers } = sample;
+        let Sample { t, q, v, u, qdd, multipliers } = sample;
         match self {
             Self::Position(coordinate) => coordinate.value(q),
             Self::Velocity(coordinate) => coordinate.rate(q, v),
@@ -115,9 +115,9 @@ impl Measure {
             Self::SpringEffort(spring) => {
                 let spring = &model.springs[*spring];
                 let further = spring.further.map(|effort| &model.efforts[effort].expression);
-                spring.effort(q, v) + further.map_or(0.0, |of| of.value(*t, q, v, &model.at(*t, z)))
+                spring.effort(q, v) + further.map_or(0.0, |of| of.value(*t, q, v, u))
             }
-            Self::Formula(formula) => model.formulas[*formula].expression.value(*t, q, v, &model.at(*t, z)),
+            Self::Formula(formula) => model.formulas[*formula].expression.value(*t, q, v, u),
             Self::KineticEnergy => model.kinetic_energy(v),
             Self::PotentialEnergy => model.potential_energy(q),
         }

@@ -281,7 +281,7 @@ impl Mechanism {
             let coordinates = reduced.coordinates().iter();
             let rates = coordinates.clone().map(|coordinate| coordinate.rate(&sample.q, &sample.v));
             let positions = coordinates.map(|coordinate| coordinate.value(&sample.q));
-            positions.chain(rates).chain(sample.z.iter().copied()).collect::<Vec<_>>()
+            positions.chain(rates).chain(sample.actuator_states(reduced.model()).iter().copied()).collect::<Vec<_>>()
         };
         Ok(samples.iter().flat_map(of_sample).collect())
     }
@@ -445,8 +445,9 @@ impl Mechanism {
         let z = reduced.model().actuator_starts();
         let inputs = self.description.inputs.values();
         let ends = [inputs.clone().map(|input| input.min).collect::<Vec<_>>(), inputs.map(|input| input.max).collect()];
+        let terms = reduced.terms(s)?;
         let accelerations = ends.map(|u| {
-            reduced.accelerations(s, rates, &[u, z.clone()].concat()).unwrap_or_else(|_| DVector::zeros(s.len()))
+            reduced.accelerations(&terms, rates, &[u, z.clone()].concat()).unwrap_or_else(|_| DVector::zeros(s.len()))
         });
         let limits = limits(&self.description, &values);
         let chosen = reduced.coordinates().iter().enumerate();

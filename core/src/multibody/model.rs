@@ -325,10 +325,17 @@ pub struct Sample {
     pub q: DVector<f64>,
     /// Velocities.
     pub v: DVector<f64>,
-    /// Actuator states.
-    pub z: Vec<f64>,
+    /// Values of the inputs, then of the actuator states.
+    pub u: Vec<f64>,
     /// Accelerations.
     pub qdd: DVector<f64>,
     /// Lagrange multipliers of the constraints, then of the prescribed accelerations.
     pub multipliers: DVector<f64>,
+}
+
+impl Sample {
+    /// Values of the actuator states.
+    pub fn actuator_states(&self, model: &MultibodyModel) -> &[f64] {
+        &self.u[model.inputs.len()..]
+    }
 }

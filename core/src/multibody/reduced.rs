@@ -39,7 +39,7 @@ use super::{
     constraint::{Constraint, Slot, Target, independence},
     coordinate::{BodyPoint, Coordinate},
     error::{MotionCause, MotionError},
-    model::{MultibodyModel, Prescribed, Spring},
+    model::{MultibodyModel, Prescribed, Sample, Spring},
 };
 use nalgebra::{DMatrix, DVector, Dyn, LU};
 use std::cell::RefCell;
@@ -118,6 +118,13 @@ impl Terms {
             *force -= 0.5 * rates.dot(&(gradient * rates));
         }
         forces
+    }
+
+    /// Accelerations of all coordinates of the bodies, from those of the independent ones.
+    pub fn all_accelerations(&self, rates: &DVector<f64>, accelerations: &DVector<f64>) -> DVector<f64> {
+        let along = |(gradient, rate): (&DMatrix<f64>, &f64)| gradient * rates * *rate;
+        let of_rates = self.velocity_gradient.iter().zip(rates).map(along);
+        of_rates.fold(&self.velocities * accelerations, |sum, part| sum + part)
     }
 }
 
@@ -317,15 +324,9 @@ impl Reduced {
     /// `sdd` in a state with inputs `u`.
     ///
     /// # Errors
-    /// As [`Reduced::terms`]; the mass matrix is singular there.
-    pub fn accelerations(
-        &self,
-        s: &DVector<f64>,
-        rates: &DVector<f64>,
-        u: &[f64],
-    ) -> Result<DVector<f64>, MotionError> {
-        let terms = self.terms(s)?;
-        let (mut side, inertia) = (self.force(&terms, rates, u), terms.quadratic_forces(rates));
+    /// The mass matrix is singular there.
+    pub fn accelerations(&self, terms: &Terms, rates: &DVector<f64>, u: &[f64]) -> Result<DVector<f64>, MotionError> {
+        let (mut side, inertia) = (self.force(terms, rates, u), terms.quadratic_forces(rates));
         let mut mass = terms.mass.clone();
         for row in (0..side.len()).filter(|row| !self.driven.contains(row)) {
             let by_drivers: f64 = self.driven.iter().map(|&k| terms.mass[(row, k)] * side[k]).sum();
@@ -340,6 +341,24 @@ impl Reduced {
         let solved = solved.filter(|accelerations| accelerations.iter().all(|value| value.is_finite()));
         let message = "the mass matrix of the independent coordinates is not positive definite";
         solved.ok_or_else(|| MotionError::new(MotionCause::Unsolved, message))
+    }
+
+    /// Everything about a state with inputs `u` and accelerations `sdd`.
+    ///
+    /// # Errors
+    /// As [`balance`](Self::balance).
+    pub fn sample(
+        &self,
+        terms: &Terms,
+        rates: &DVector<f64>,
+        sdd: &DVector<f64>,
+        u: &[f64],
+    ) -> Result<Sample, MotionError> {
+        let (v, qdd) = (&terms.velocities * rates, terms.all_accelerations(rates, sdd));
+        let unbalanced = self.model.applied_forces(0.0, &terms.q, &v, u) - self.model.mass.component_mul(&qdd);
+        let balanced = self.balance(terms, &DMatrix::from_columns(&[unbalanced]))?;
+        let multipliers = self.multipliers(balanced.column(0));
+        Ok(Sample { t: 0.0, q: terms.q.clone(), v, u: u.to_vec(), qdd, multipliers })
     }
 
     /// Rows of the equations that are of one kind: all forces, then each prescribed acceleration.

@@ -138,7 +138,7 @@ impl ModelRun<'_> {
         let mut h = t - from.t;
         while from.t < t {
             let to = if from.t + h < t - least { from.t + h } else { t };
-            self.bending.begin(self.model, &from, to);
+            self.bending.begin(&from, to);
             let next = self.stretch(kind, &from, &[from.t, to], choice)?.swap_remove(0);
             let share = self.bending.share_up_to(self.model, &next);
             let step = to - from.t;
@@ -177,7 +177,17 @@ impl ModelRun<'_> {
         let [guess, speeds] = [&from.q, &from.v].map(|from| RefCell::new(from.clone()));
         let undefined = RefCell::default();
         let branch = has_stops.then(|| Branch::of(times));
-        let stretch = Stretch { model, formulation, guess, speeds, z: &from.z, budget, undefined, bending, branch };
+        let stretch = Stretch {
+            model,
+            formulation,
+            guess,
+            speeds,
+            z: from.actuator_states(model),
+            budget,
+            undefined,
+            bending,
+            branch,
+        };
         let states = stretch.integrate(from, times, choice)?;
         let mut samples: Vec<Sample> = Vec::with_capacity(states.len());
         for (state, &t) in states.iter().zip(times).skip(1) {
@@ -203,7 +213,7 @@ fn sample(
     let Acceleration { qdd, multipliers } =
         acceleration.map_err(|error| model.undefined_force(t, &q, &v, &u).unwrap_or(error))?;
     model.check(t, &q, &v)?;
-    Ok(Sample { t, q, v, z, qdd, multipliers })
+    Ok(Sample { t, q, v, u, qdd, multipliers })
 }
 
 /// A part of a run with one formulation's choices.
@@ -233,7 +243,7 @@ impl Stretch<'_> {
         times: &[f64],
         choice: &mut MethodChoice,
     ) -> Result<Vec<DVector<f64>>, MotionError> {
-        let state = joined(&self.formulation.state(&from.q, &from.v), &from.z, from.t);
+        let state = joined(&self.formulation.state(&from.q, &from.v), from.actuator_states(self.model), from.t);
         let mut implicit = None;
         if choice.is_stiff() {
             let result = self.implicit(&state, times)?;

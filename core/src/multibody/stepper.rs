@@ -71,7 +71,7 @@ impl Stepper {
     }
 
     fn go_on(&mut self, times: &[f64]) -> Result<(), MotionError> {
-        let state = (self.now.q.clone(), self.now.v.clone(), self.now.z.clone());
+        let state = (self.now.q.clone(), self.now.v.clone(), self.now.actuator_states(&self.model).to_vec());
         self.now = last(continue_from(&self.model, state, times, &Budget::default(), &mut self.choice)?)?;
         Ok(())
     }

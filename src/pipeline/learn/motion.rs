@@ -2,7 +2,7 @@
 
 use super::{
     Beginning, LearningMethod,
-    corner_error::LearnedAccelerations,
+    corner_error::LearnedMotion,
     learned::EXACT,
     motion_networks::{ComparedStates, Learned, learn},
 };
@@ -70,7 +70,7 @@ fn train(project: &Project, dataset: &Dataset, checkpoints: &Checkpoints) -> Res
         assemble(project, dataset, driven, &learned, (integration, &velocities))
     })?;
     let trials = corners(study, driven, &dataset.runs, &of_states, &surrogate);
-    let corners = error_at_corners(project, mechanism, &learned, &surrogate, &trials)?;
+    let corners = errors_at_corners(project, mechanism, &learned, &surrogate, &trials)?;
     let Learned { fitted, dynamics, positions, rows, .. } = &learned;
     let motion = MotionRecord {
         harmonics: fitted.order[0],
@@ -98,8 +98,8 @@ fn train(project: &Project, dataset: &Dataset, checkpoints: &Checkpoints) -> Res
     Ok(Trained { surrogate, history: learned.history, record })
 }
 
-/// Error of the accelerations of a surrogate along runs from corners of the domain; none if its equations are exact.
-fn error_at_corners(
+/// Errors of accelerations and forces of a surrogate along runs from corners of the domain; none if its equations are exact.
+fn errors_at_corners(
     project: &Project,
     mechanism: &Mechanism,
     learned: &Learned,
@@ -110,8 +110,8 @@ fn error_at_corners(
     let study = &project.study;
     let equations = Equations::new(mechanism, region).map_err(|error| study.refusal("states", error))?;
     let parameters = study.parameters.len();
-    let accelerations = LearnedAccelerations { surrogate, equations: &equations, deviations, parameters };
-    Ok(accelerations.largest_error(trials))
+    let motion = LearnedMotion { surrogate, equations: &equations, deviations, parameters };
+    Ok(motion.largest_errors(trials))
 }
 
 /// Warns of coordinates other than those that are proposed, where equations are not exact in them.

@@ -30,6 +30,9 @@ const UNCHANGED: f64 = 1e-9;
 /// better.
 const POOR_NODES: f64 = 1e-4;
 
+/// States from which the standard deviation of an acceleration is found.
+const STATES_OF_DEVIATION: usize = 200;
+
 /// Equations that were learned in the way that is exported, and how.
 pub(super) struct Learned {
     /// The dictionary.
@@ -52,16 +55,23 @@ pub(super) struct Learned {
     pub stopped: StopReason,
     /// Configurations that it was learned from.
     pub rows: usize,
-    /// States at which the candidates were compared; none if the dictionary is exact.
+    /// States at which the equations were compared with those of the mechanism; none if the dictionaries are exact.
     pub compared: Option<ComparedStates>,
 }
 
-/// States at which candidates were compared.
+/// States at which equations are compared.
 pub(super) struct ComparedStates {
     /// Where they are.
     pub region: Region,
     /// Standard deviations of the exact accelerations there.
     pub deviations: Vec<f64>,
+}
+
+impl ComparedStates {
+    fn new(mechanism: &Mechanism, region: Region, seed: u64) -> std::result::Result<Self, MotionError> {
+        let samples = Equations::new(mechanism, &region)?.accelerations(STATES_OF_DEVIATION, seed ^ 1)?;
+        Ok(Self { deviations: samples.standard_deviations(), region })
+    }
 }
 
 impl Learned {
@@ -100,7 +110,16 @@ pub(super) fn learn(
     let exact = fitted.error <= EXACT;
     let tries = |name: &str| study.dynamics.tries(name, exact);
     let rows = 3 * fitted.terms + 50;
-    if ![NETWORK, DICTIONARY_AND_NETWORK, ACCELERATIONS].into_iter().any(tries) {
+    let learns_networks = [NETWORK, DICTIONARY_AND_NETWORK, ACCELERATIONS].into_iter().any(tries);
+    let are_forces_exact = fitted.reactions.as_ref().is_none_or(|reactions| reactions.error <= EXACT);
+    let is_compared = learns_networks || !(exact && are_forces_exact);
+    if is_compared {
+        region.velocities = driven.velocities(study, mechanism, &dataset.runs).map_err(refuse)?;
+        let of_actuators = region.velocities.split_off(study.coordinates().count());
+        region.inputs.splice(driven.drivers().len().., of_actuators);
+    }
+    if !learns_networks {
+        let compared = is_compared.then(|| ComparedStates::new(mechanism, region, study.seed));
         return Ok(Learned {
             dynamics: fitted.dynamics.clone(),
             positions: fitted.positions.clone().into(),
@@ -112,12 +131,9 @@ pub(super) fn learn(
             best_epoch: 0,
             stopped: StopReason::Solved,
             rows,
-            compared: None,
+            compared: compared.transpose().map_err(refuse)?,
         });
     }
-    region.velocities = driven.velocities(study, mechanism, &dataset.runs).map_err(refuse)?;
-    let of_actuators = region.velocities.split_off(study.coordinates().count());
-    region.inputs.splice(driven.drivers().len().., of_actuators);
     let equations = Equations::new(mechanism, &region).map_err(refuse)?;
     let asked = Asked::new(project, &equations, checkpoints)?;
     let mut last = Last { history: Vec::new(), best_epoch: 0, stopped: StopReason::Solved };

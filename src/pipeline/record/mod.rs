@@ -11,7 +11,7 @@ pub(super) mod trajectories;
 
 pub use compliant::CompliantRecord;
 pub use discrete::DiscreteRecord;
-pub use motion::{CornerRecord, MotionRecord, ReactionRecord};
+pub use motion::{CornerError, CornerRecord, MotionRecord, ReactionRecord};
 pub(super) use solver::POOR;
 pub use solver::{ImplicitCost, SolverRecord};
 pub use speed::{Cost, Speed};

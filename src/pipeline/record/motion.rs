@@ -24,22 +24,33 @@ pub struct MotionRecord {
     /// The one that is exported: `dictionary`, `network` or `dictionary and network`.
     #[serde(default = "dictionary")]
     pub exported: String,
-    /// Error of its accelerations at corners of the domain; none if the dictionary is exact.
+    /// Errors at corners of the domain; none if the dictionaries are exact.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub corners: Option<CornerRecord>,
     /// Integration by the solver.
     pub solver: SolverRecord,
 }
 
-/// Error of learned accelerations along motions that begin at corners of the domain.
+/// Errors of learned accelerations and forces along motions that begin at corners of the domain.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct CornerRecord {
-    /// Largest error of an acceleration, relative to its standard deviation over random states.
-    pub error: f64,
     /// Number of runs.
     pub runs: usize,
-    /// Description of the run with the largest error.
-    pub worst: String,
+    /// Largest error of an acceleration, relative to its standard deviation over random states.
+    pub accelerations: CornerError,
+    /// Largest error of a force of a joint, driver or spring, relative to the range of the output in training or in the run, whichever is
+    /// larger; none if no output is such a force.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub forces: Option<CornerError>,
+}
+
+/// The largest error in runs from corners.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct CornerError {
+    /// Relative error.
+    pub error: f64,
+    /// Description of the run with this error.
+    pub run: String,
 }
 
 /// Result of a training on forces of joints and springs.
@@ -63,6 +74,28 @@ fn dictionary() -> String {
     DICTIONARY.into()
 }
 
+impl CornerRecord {
+    /// Text that follows the description of the learned equations.
+    fn describe(&self) -> String {
+        let Self { runs, accelerations: CornerError { error, run }, forces } = self;
+        let forces = forces.as_ref().map_or(String::new(), |CornerError { error, run }| {
+            format!(" and {} of the range of a force ({run})", power(*error, 1))
+        });
+        let error = power(*error, 1);
+        format!(
+            "; in {runs} runs from corners of the domain off by at most {error} of the standard deviation of an acceleration ({run}){forces}"
+        )
+    }
+}
+
+impl CornerError {
+    /// The error as text if it is too large, or not a number.
+    fn poor(&self) -> Option<String> {
+        let is_good = self.error <= POOR;
+        (!is_good).then(|| power(self.error, 1))
+    }
+}
+
 impl MotionRecord {
     /// Problem of the equations, if there is one.
     pub(in crate::pipeline) fn problem(&self) -> Option<String> {
@@ -71,15 +104,21 @@ impl MotionRecord {
 
     /// Limit of the equations that are good at random states: corners of the domain at which they are not.
     pub(in crate::pipeline) fn limit(&self) -> Option<String> {
-        let CornerRecord { error, worst, .. } = self.corners.as_ref()?;
-        let is_good = *error <= POOR;
-        (!is_good).then(|| {
-            format!(
-                "the learned accelerations are off by {} of their standard deviation at a corner of the domain ({worst}), expected at most \
+        let CornerRecord { accelerations, forces, .. } = self.corners.as_ref()?;
+        if let Some(error) = accelerations.poor() {
+            return Some(format!(
+                "the learned accelerations are off by {error} of their standard deviation at a corner of the domain ({}), expected at most \
                  {POOR}: more `sampling.states`, smaller ranges or a larger network may help",
-                power(*error, 1)
-            )
-        })
+                accelerations.run
+            ));
+        }
+        let forces = forces.as_ref()?;
+        let error = forces.poor()?;
+        Some(format!(
+            "the learned forces of joints, drivers and springs are off by {error} of their ranges at a corner of the domain ({}), expected \
+             at most {POOR}: smaller ranges may help",
+            forces.run
+        ))
     }
 
     fn problem_of_reactions(&self) -> Option<String> {
@@ -120,9 +159,7 @@ impl MotionRecord {
     pub(in crate::pipeline) fn describe(&self) -> String {
         let Self { harmonics, powers, products: [equations, positions], error, solver, .. } = self;
         let Self { candidates, exported, corners, reactions, .. } = self;
-        let corners = corners.as_ref().map_or(String::new(), |CornerRecord { error, runs, worst }| {
-            format!(", off by at most {} in {runs} runs from corners of the domain ({worst})", power(*error, 1))
-        });
+        let corners = corners.as_ref().map_or(String::new(), CornerRecord::describe);
         let reactions = reactions.as_ref().map_or(String::new(), |ReactionRecord { harmonics, powers, products, error }| {
             format!(
                 "; forces of joints, drivers and springs: harmonics up to {harmonics}, powers up to {powers}, {products} products, error \
@@ -133,12 +170,12 @@ impl MotionRecord {
             [] => String::new(),
             candidates => {
                 let errors = list(candidates);
-                format!("; error of the accelerations at unseen states: {errors}; exported: {exported}{corners}")
+                format!("; error of the accelerations at unseen states: {errors}; exported: {exported}")
             }
         };
         format!(
             "least squares: harmonics up to {harmonics}, powers up to {powers}, {equations} products in the equations and {positions} \
-             in positions, error {error:.1e} at unseen configurations{reactions}{compared}\n{}",
+             in positions, error {error:.1e} at unseen configurations{reactions}{compared}{corners}\n{}",
             solver.describe()
         )
     }

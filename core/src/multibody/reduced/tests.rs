@@ -78,7 +78,7 @@ fn states() -> Vec<(Reduced, [Vec<f64>; 3])> {
 fn accelerations_are_those_of_the_augmented_formulation() {
     for (mut reduced, [s, rates, u]) in states() {
         let (s, rates) = (vector(&s), vector(&rates));
-        let found = reduced.accelerations(&s, &rates, &u).unwrap();
+        let found = reduced.accelerations(&reduced.terms(&s).unwrap(), &rates, &u).unwrap();
         reduced.model.inputs.iter_mut().zip(&u).for_each(|(input, u)| input.signal = Signal::Constant(*u));
         let terms = reduced.terms(&s).unwrap();
         let v = &terms.velocities * &rates;
@@ -95,7 +95,7 @@ fn multipliers_from_accelerations_are_those_of_the_augmented_formulation() {
     for (mut reduced, [s, rates, u]) in states() {
         let (s, rates) = (vector(&s), vector(&rates));
         let terms = reduced.terms(&s).unwrap();
-        let accelerations = reduced.accelerations(&s, &rates, &u).unwrap();
+        let accelerations = reduced.accelerations(&reduced.terms(&s).unwrap(), &rates, &u).unwrap();
         let products = (0..s.len()).flat_map(|j| (0..=j).map(move |k| (j, k))).map(|(j, k)| rates[j] * rates[k]);
         let factors = DVector::from_vec(accelerations.iter().copied().chain(products).collect());
         let forces = reduced.applied_forces(&terms, &rates, &u) + reduced.inertia_forces(&terms) * factors;
@@ -151,7 +151,8 @@ fn the_crane_has_the_textbook_equations() {
     assert!((terms.mass[(0, 0)] - 3.0).abs() < 1e-14 && (terms.mass[(1, 1)] - l * l).abs() < 1e-14);
     assert!((terms.mass[(0, 1)] - l * cosine).abs() < 1e-14);
     assert!((terms.effort_map[(0, 0)] - 1.0).abs() < 1e-14 && terms.effort_map[(1, 0)].abs() < 1e-14);
-    let found = reduced.accelerations(&vector(&[x, theta]), &vector(&[xd, thetad]), &[force]).unwrap();
+    let found =
+        reduced.accelerations(&reduced.terms(&vector(&[x, theta])).unwrap(), &vector(&[xd, thetad]), &[force]).unwrap();
     // (M + m) xdd + m l thetadd cos - m l thetad² sin = u - b xd;  l thetadd + xdd cos + g sin = 0
     let side = force - 0.3 * xd + l * thetad * thetad * sine + 9.81 * sine * cosine;
     let xdd = side / (3.0 - cosine * cosine);
@@ -171,7 +172,7 @@ fn a_driven_run_is_the_solution_of_the_reduced_equations() {
     let reduced = mechanism.reduced(&[1.5], &["rail.position", "rope.angle"]).unwrap();
     let derivative = |y: &nalgebra::SVector<f64, 5>| {
         let (s, rates) = (vector(&[y[0], y[1]]), vector(&[y[2], y[3]]));
-        let a = reduced.accelerations(&s, &rates, &[signal.value(y[4])]).unwrap();
+        let a = reduced.accelerations(&reduced.terms(&s).unwrap(), &rates, &[signal.value(y[4])]).unwrap();
         nalgebra::SVector::from([y[2], y[3], a[0], a[1], 1.0])
     };
     let states =
@@ -188,7 +189,8 @@ fn andrews_mechanism_is_one_equation_in_its_crank_angle() {
     let mechanism = parse(include_str!("../../../../examples/dynamics/andrews.toml"));
     let reduced = mechanism.reduced(&[4530.0], &[]).unwrap();
     let derivative = |y: &Vector2<f64>| {
-        let acceleration = reduced.accelerations(&vector(&[y[0]]), &vector(&[y[1]]), &[0.033]).unwrap();
+        let acceleration =
+            reduced.accelerations(&reduced.terms(&vector(&[y[0]])).unwrap(), &vector(&[y[1]]), &[0.033]).unwrap();
         Vector2::new(y[1], acceleration[0])
     };
     let (s, rates) = reduced.start();
