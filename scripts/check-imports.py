@@ -1,6 +1,6 @@
 """Checks that imports go downward only, that there is no circle among modules, that a type name means one thing, and that no message decides.
 
-In core/src/ and src/ a module may use those before it in ORDER and no other. Below that, and in the other crates, the modules of a folder may use each
+In crates/, core/src/ and src/ a module may use those before it in ORDER and no other. Below that, and in the other crates, the modules of a folder may use each
 other in one direction: every circle among them is printed with its arrows. A folder's own file, `mod.rs`, and the modules below it count as
 one. Re-exports are followed to the module that has the name. Tests may import anything.
 
@@ -43,7 +43,7 @@ pipeline
 """
 
 ROOT = Path(__file__).parent.parent
-ORDERED = [ROOT / "core" / "src", ROOT / "src"]
+ORDERED = [*sorted((ROOT / "crates").glob("*/src")), ROOT / "core" / "src", ROOT / "src"]
 FOLDERS = [*ORDERED, *(ROOT / crate / "src" for crate in ["fmu-template", "fmu-template/runtime", "baselines", "python"])]
 C = ROOT / "fmu-template" / "c"
 # functions with external linkage: the brace of a definition begins its line
@@ -55,7 +55,7 @@ TYPE = r"(?:pub(?:\([^)]*\))? )?(?:struct|enum|trait|type|union) (\w+)"
 # formatted code: definitions of a module begin their lines, and so does the last brace of an inner module or macro
 OF_MODULE, INSIDE = re.compile(rf"^{TYPE}", re.MULTILINE), re.compile(rf"^ +{TYPE}", re.MULTILINE)
 # what the TOML parser says is put in other words; it has no codes
-TRANSLATED = ROOT / "core" / "src" / "diagnostics" / "origin" / "words.rs"
+TRANSLATED = ROOT / "crates" / "tables" / "src" / "diagnostics" / "origin" / "words.rs"
 MESSAGE = r"\b\w*(?:message|error|reason|failure|problem)\w*"
 WORDS_IN_RUST = re.compile(rf"{MESSAGE}(?:\.(?:to_string\(\)|message|as_str\(\)))*\s*\.(?:contains|starts_with|split_once)\(")
 WORDS_IN_PYTHON = re.compile(rf"str\({MESSAGE}\)\.(?:startswith|find|split)|\bin str\({MESSAGE}\)")

@@ -76,10 +76,13 @@ extern crate self as metafmu;
 pub use commands::command;
 #[doc(inline)]
 pub use metafmu_baselines as baselines;
-use metafmu_core::fail_points;
 #[doc(inline)]
 pub use metafmu_core::{
-    Error, Result, acceptance, calibration, compliant, dataset, diagnostics, discrete, dynamics, evaluation, files,
-    integrate, layout, multibody, network, processor_time, reading, refinement, sampling, scaling, signal, study,
-    systems, table, training, unit, variable, worst,
+    acceptance, calibration, compliant, dataset, discrete, dynamics, evaluation, layout, multibody, network,
+    processor_time, refinement, sampling, scaling, study, systems, training,
 };
+#[doc(inline)]
+pub use metafmu_numerics::{integrate, worst};
+use metafmu_tables::fail_points;
+#[doc(inline)]
+pub use metafmu_tables::{Error, Result, diagnostics, files, reading, signal, table, unit, variable};

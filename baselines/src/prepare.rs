@@ -36,8 +36,8 @@ pub fn choose_rows(rows: &StandardizedRows, most: Option<usize>, seed: u64) -> C
 #[cfg(test)]
 mod tests {
     use super::*;
-    use metafmu_core::variable::SourceVariable;
     use metafmu_runtime::{Encoder, Encoding};
+    use metafmu_tables::variable::SourceVariable;
 
     #[test]
     fn rows_are_standardized_and_fewer_are_the_first_of_more() {

@@ -5,10 +5,8 @@
 //! The first line has the seconds of assembly, the second those of each run from the assembled state, further lines the rows. Parameters have
 //! their defaults, inputs their starts.
 
-use metafmu_core::{
-    integrate::Budget,
-    multibody::{Mechanism, simulate::simulate_from},
-};
+use metafmu_core::multibody::{Mechanism, simulate::simulate_from};
+use metafmu_numerics::integrate::Budget;
 use std::{env, path::Path, time::Instant};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {

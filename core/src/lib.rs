@@ -1,5 +1,5 @@
-//! Numerics and studies of metafmu: tables, mechanisms, equations of motion, networks and their training, and the
-//! options of a study.
+//! Numerics and studies of metafmu: mechanisms, equations of motion, networks and their training, and the options of a
+//! study.
 //!
 //! Everything here is part of the crate `metafmu` too, whose documentation has the whole way from a study to an FMU.
 
@@ -10,28 +10,19 @@ pub mod acceptance;
 pub mod calibration;
 pub mod compliant;
 pub mod dataset;
-pub mod diagnostics;
 pub mod discrete;
 pub mod dynamics;
 pub mod evaluation;
-pub mod fail_points;
-pub mod files;
-pub mod integrate;
 pub mod layout;
 pub mod multibody;
 pub mod network;
 pub mod processor_time;
-pub mod reading;
 pub mod refinement;
 pub mod sampling;
 pub mod scaling;
-pub mod signal;
 pub mod study;
 pub mod systems;
-pub mod table;
 pub mod training;
-pub mod unit;
-pub mod variable;
-pub mod worst;
 
-pub use diagnostics::error::{Error, Result};
+use metafmu_numerics::{integrate, worst};
+use metafmu_tables::{Error, Result, diagnostics, files, reading, signal, table, unit, variable};

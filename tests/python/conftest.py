@@ -109,7 +109,7 @@ def metafmu(*arguments, check=True, cwd=ROOT):
 
 
 def abort_at(moment, *arguments):
-    """Runs the command, which has to end as if it were killed at a moment of core/src/fail_points.rs."""
+    """Runs the command, which has to end as if it were killed at a moment of crates/tables/src/fail_points.rs."""
     command, environment = [METAFMU, *map(str, arguments)], os.environ | {"METAFMU_ABORT_AT": moment}
     result = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, env=environment)
     assert result.returncode == -signal.SIGABRT, f"{moment!r} is never reached: {result.stderr}"

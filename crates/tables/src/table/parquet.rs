@@ -324,7 +324,7 @@ impl ColumnType {
 
 /// Reason why a Parquet file cannot be read.
 #[derive(Debug, thiserror::Error)]
-pub(crate) enum ParquetReadError {
+pub enum ParquetReadError {
     /// A file that needs something that the crate does not have.
     #[error("written in a way that is not read: {0}")]
     Unsupported(String),
@@ -338,7 +338,7 @@ pub(crate) enum ParquetReadError {
 
 /// Calls the crate, which panics at some damaged files (found by flipping bits: a dictionary that was never set, lengths past
 /// the end of a page). That is an error like its others, and nothing to report on its own.
-pub(crate) fn contained<T>(
+pub fn contained<T>(
     call: impl FnOnce() -> std::result::Result<T, ParquetError>,
 ) -> std::result::Result<T, ParquetReadError> {
     thread_local! { static IS_CONTAINED: Cell<bool> = const { Cell::new(false) } }

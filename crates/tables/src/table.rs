@@ -23,7 +23,7 @@ use crate::{
 };
 use csv::Csv;
 use parquet::Parquet;
-pub(crate) use parquet::contained;
+pub use parquet::contained;
 use std::{
     borrow::Cow,
     collections::{HashMap, HashSet},

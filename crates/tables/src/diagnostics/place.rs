@@ -24,7 +24,7 @@ impl Place {
     }
 
     /// Behind the name of the file: `:3` or `, row 3`.
-    pub(crate) fn behind_path(self) -> String {
+    pub fn behind_path(self) -> String {
         match self {
             Self::Line(line) => format!(":{line}"),
             Self::Row(row) => format!(", row {row}"),

@@ -164,7 +164,7 @@ where
 }
 
 /// Integration as by [`advance`] between two times, where the last step ends at the second one: nothing is evaluated beyond it.
-pub(crate) fn advance_to<D: Dim>(
+pub fn advance_to<D: Dim>(
     problem: impl System<f64, OVector<f64, D>>,
     initial: OVector<f64, D>,
     [start, end]: [f64; 2],

@@ -76,7 +76,7 @@ impl<'a> Budget<'a> {
     }
 
     /// The times of a run; without this the evaluations are not limited.
-    pub(crate) fn begin(&self, times: &[f64]) {
+    pub fn begin(&self, times: &[f64]) {
         if let [start, .., stop] = times {
             self.start.set(*start);
             self.duration.set(stop - start);
@@ -85,7 +85,7 @@ impl<'a> Budget<'a> {
     }
 
     /// Counts an evaluation; returns false if the run must be abandoned.
-    pub(crate) fn spend(&self) -> bool {
+    pub fn spend(&self) -> bool {
         let spent = self.evaluations.get() + 1;
         self.evaluations.set(spent);
         if spent.is_multiple_of(LOOK) {
@@ -111,7 +111,7 @@ impl<'a> Budget<'a> {
     }
 
     /// Notes the time that the run has reached.
-    pub(crate) fn arrive(&self, t: f64) {
+    pub fn arrive(&self, t: f64) {
         if t > self.reached.get() {
             self.last_step.set(t - self.reached.get());
             self.reached.set(t);
@@ -119,12 +119,12 @@ impl<'a> Budget<'a> {
     }
 
     /// The simulated time at which the run begins.
-    pub(crate) fn start(&self) -> f64 {
+    pub fn start(&self) -> f64 {
         self.start.get()
     }
 
     /// Begins anew from where the run is, for another method, if the evaluations are spent.
-    pub(crate) fn renew(&self) {
+    pub fn renew(&self) {
         if self.is_spent() {
             self.end.set(None);
             self.evaluations.set((EVALUATIONS * self.progress()) as u64);
@@ -138,27 +138,27 @@ impl<'a> Budget<'a> {
     }
 
     /// Number of evaluations until now.
-    pub(crate) fn spent(&self) -> u64 {
+    pub fn spent(&self) -> u64 {
         self.evaluations.get()
     }
 
     /// The simulated time that the run has reached.
-    pub(crate) fn reached(&self) -> f64 {
+    pub fn reached(&self) -> f64 {
         self.reached.get()
     }
 
     /// Length of the latest step.
-    pub(crate) fn last_step(&self) -> f64 {
+    pub fn last_step(&self) -> f64 {
         self.last_step.get()
     }
 
     /// Returns true if the evaluations are spent.
-    pub(crate) fn is_spent(&self) -> bool {
+    pub fn is_spent(&self) -> bool {
         matches!(self.end.get(), Some(StopCause::Evaluations))
     }
 
     /// Returns true if the run must be abandoned.
-    pub(crate) fn is_over(&self) -> bool {
+    pub fn is_over(&self) -> bool {
         self.end.get().is_some()
     }
 
@@ -166,7 +166,7 @@ impl<'a> Budget<'a> {
     ///
     /// # Errors
     /// The reason why the run is abandoned, with its effort so far.
-    pub(crate) fn check(&self, obstacle: impl FnOnce() -> Option<String>) -> Result<(), BudgetError> {
+    pub fn check(&self, obstacle: impl FnOnce() -> Option<String>) -> Result<(), BudgetError> {
         let Some(cause) = self.end.get() else { return Ok(()) };
         let t = self.reached.get();
         let message = match (cause, self.clock) {
