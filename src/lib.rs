@@ -68,7 +68,6 @@ pub mod source;
 pub mod surrogate;
 pub mod swap;
 mod templates;
-pub mod unpacking;
 
 // the commands use the public items here, like every other program
 extern crate self as metafmu;
@@ -85,4 +84,4 @@ pub use metafmu_core::{
 pub use metafmu_numerics::{integrate, worst};
 use metafmu_tables::fail_points;
 #[doc(inline)]
-pub use metafmu_tables::{Error, Result, diagnostics, files, reading, signal, table, unit, variable};
+pub use metafmu_tables::{Error, Result, diagnostics, files, reading, signal, table, unit, unpacking, variable};

@@ -30,61 +30,59 @@ const LOG_CATEGORIES: [(&str, &str); 3] = [
     ("logAll", "everything"),
 ];
 
-impl ModelDescription {
-    /// Describes the FMU of a surrogate, with the variables of [`Surrogate::variables`] that the interface shows. It does not depend on
-    /// the time or the path of the call.
-    pub fn of_surrogate(surrogate: &Surrogate, fmi_version: FmiVersion, about: &ExportOptions) -> Self {
-        let Metadata { name, description, .. } = surrogate.metadata();
-        let shown = ShownInterface { surrogate, fmi_version, about };
-        let table: Vec<(u32, &Variable)> = shown.table().collect();
-        let variables: Vec<ScalarVariable> =
-            table.iter().map(|(reference, variable)| shown.variable(*reference, variable)).collect();
-        let v3 = fmi_version == FmiVersion::V3;
-        let is_discrete = surrogate.program().sampling().is_some();
-        // between the steps of the solver
-        let updates = v3 && !surrogate.states().is_empty();
-        let interface = InterfaceCapabilities {
-            model_identifier: model_identifier(name),
-            own_memory_management: true,
-            get_and_set_state: true,
-            serialize_state: true,
-            directional_derivative: true,
-            adjoint_derivative: v3,
-            ..InterfaceCapabilities::default()
-        };
-        Self {
-            fmi_version,
-            model_name: name.clone(),
-            token: surrogate.instantiation_token(),
-            description: text(&(description.clone() + &of_fixed_steps(surrogate))),
-            generation_tool: Some(GENERATION_TOOL.to_owned() + env!("CARGO_PKG_VERSION")),
-            // what a solver tries is not warned of, only what it accepts
-            // samples would be time events there
-            model_exchange: (!is_discrete)
-                .then(|| ModelExchange { interface: interface.clone(), needs_completed_integrator_step: true }),
-            co_simulation: Some(CoSimulation {
-                interface,
-                variable_step_size: true,
-                // outputs are linear between samples, with kinks there
-                max_output_derivative_order: if is_discrete { 0 } else { MAX_OUTPUT_DERIVATIVE_ORDER },
-                interpolate_inputs: !v3,
-                event_mode: v3,
-                intermediate_update: updates,
-                return_early_after_intermediate_update: updates,
-                ..CoSimulation::default()
-            }),
-            units: units(surrogate.metadata()),
-            // names of mechanisms and `der(NAME)` are hierarchical; those of a study may be any text
-            naming: if surrogate.states().is_empty() { NamingConvention::Flat } else { naming(&variables) },
-            log_categories: LOG_CATEGORIES.map(|(name, description)| (name.into(), Some(description.into()))).into(),
-            default_experiment: Some(default_experiment(surrogate)),
-            variables,
-            structure: structure(&table, surrogate, about, fmi_version),
-            author: about.author.clone(),
-            copyright: about.copyright.clone(),
-            license: about.license.clone(),
-            ..Self::default()
-        }
+/// Describes the FMU of a surrogate, with the variables of [`Surrogate::variables`] that the interface shows. It does not depend on
+/// the time or the path of the call.
+pub fn describe(surrogate: &Surrogate, fmi_version: FmiVersion, about: &ExportOptions) -> ModelDescription {
+    let Metadata { name, description, .. } = surrogate.metadata();
+    let shown = ShownInterface { surrogate, fmi_version, about };
+    let table: Vec<(u32, &Variable)> = shown.table().collect();
+    let variables: Vec<ScalarVariable> =
+        table.iter().map(|(reference, variable)| shown.variable(*reference, variable)).collect();
+    let v3 = fmi_version == FmiVersion::V3;
+    let is_discrete = surrogate.program().sampling().is_some();
+    // between the steps of the solver
+    let updates = v3 && !surrogate.states().is_empty();
+    let interface = InterfaceCapabilities {
+        model_identifier: model_identifier(name),
+        own_memory_management: true,
+        get_and_set_state: true,
+        serialize_state: true,
+        directional_derivative: true,
+        adjoint_derivative: v3,
+        ..InterfaceCapabilities::default()
+    };
+    ModelDescription {
+        fmi_version,
+        model_name: name.clone(),
+        token: surrogate.instantiation_token(),
+        description: text(&(description.clone() + &of_fixed_steps(surrogate))),
+        generation_tool: Some(GENERATION_TOOL.to_owned() + env!("CARGO_PKG_VERSION")),
+        // what a solver tries is not warned of, only what it accepts
+        // samples would be time events there
+        model_exchange: (!is_discrete)
+            .then(|| ModelExchange { interface: interface.clone(), needs_completed_integrator_step: true }),
+        co_simulation: Some(CoSimulation {
+            interface,
+            variable_step_size: true,
+            // outputs are linear between samples, with kinks there
+            max_output_derivative_order: if is_discrete { 0 } else { MAX_OUTPUT_DERIVATIVE_ORDER },
+            interpolate_inputs: !v3,
+            event_mode: v3,
+            intermediate_update: updates,
+            return_early_after_intermediate_update: updates,
+            ..CoSimulation::default()
+        }),
+        units: units(surrogate.metadata()),
+        // names of mechanisms and `der(NAME)` are hierarchical; those of a study may be any text
+        naming: if surrogate.states().is_empty() { NamingConvention::Flat } else { naming(&variables) },
+        log_categories: LOG_CATEGORIES.map(|(name, description)| (name.into(), Some(description.into()))).into(),
+        default_experiment: Some(default_experiment(surrogate)),
+        variables,
+        structure: structure(&table, surrogate, about, fmi_version),
+        author: about.author.clone(),
+        copyright: about.copyright.clone(),
+        license: about.license.clone(),
+        ..ModelDescription::default()
     }
 }
 
@@ -432,9 +430,26 @@ fn default_experiment(surrogate: &Surrogate) -> DefaultExperiment {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{study::NameStyle, surrogate::with_names};
+    use crate::{fmi::xml, study::NameStyle, surrogate::with_names};
     use metafmu_example as example;
     use metafmu_runtime::Bounds;
+
+    #[test]
+    fn the_descriptions_of_a_surrogate_are_the_golden_ones() {
+        for (version, file) in
+            [(FmiVersion::V2, "modelDescription-fmi2.xml"), (FmiVersion::V3, "modelDescription-fmi3.xml")]
+        {
+            let path = format!("{}/tests/data/{file}", env!("CARGO_MANIFEST_DIR"));
+            let description = describe(&example::with_input(), version, &ExportOptions::default());
+            // the version changes with every release
+            let text = xml::write(&description).replace(env!("CARGO_PKG_VERSION"), "x.y.z");
+            if std::env::var_os("UPDATE_GOLDEN").is_some() {
+                std::fs::write(&path, &text).unwrap();
+            }
+            assert_eq!(text, std::fs::read_to_string(&path).unwrap(), "UPDATE_GOLDEN=1 rewrites {path}");
+            assert_eq!(xml::read(text.as_bytes()).unwrap().problems, []);
+        }
+    }
 
     #[test]
     fn nominals_are_powers_of_ten_and_never_zero() {
@@ -452,8 +467,7 @@ mod tests {
 
     #[test]
     fn variables_have_the_causality_and_bounds_of_their_columns() {
-        let description =
-            ModelDescription::of_surrogate(&example::surrogate(), FmiVersion::V2, &ExportOptions::default());
+        let description = describe(&example::surrogate(), FmiVersion::V2, &ExportOptions::default());
         let kinds: Vec<_> = description.variables.iter().map(|v| (v.causality, v.variability, v.initial)).collect();
         let calculated = (Causality::Output, Variability::Continuous, Some(Initial::Calculated));
         assert_eq!(
@@ -480,7 +494,7 @@ mod tests {
     #[test]
     fn a_nominal_parameter_tells_its_values_and_a_periodic_one_has_no_limits() {
         let surrogate = example::encoded(&example::surrogate());
-        let description = ModelDescription::of_surrogate(&surrogate, FmiVersion::V3, &ExportOptions::default());
+        let description = describe(&surrogate, FmiVersion::V3, &ExportOptions::default());
         let [length, speed] = [0, 1].map(|index| &description.variables[index]);
         let real = |variable: &ScalarVariable| {
             let real = variable.kind.as_real().unwrap();
@@ -502,7 +516,7 @@ mod tests {
         metadata.inputs[2].name = "force".into();
         let surrogate = Surrogate::new(metadata, surrogate.program().clone()).unwrap();
         let independent = |version| {
-            let description = ModelDescription::of_surrogate(&surrogate, version, &ExportOptions::default());
+            let description = describe(&surrogate, version, &ExportOptions::default());
             description.variables.into_iter().find(|v| v.causality == Causality::Independent)
         };
         assert_eq!(independent(FmiVersion::V2), None);
@@ -517,7 +531,7 @@ mod tests {
 
     fn described(surrogate: &Surrogate, interface: FmuInterface, ports: &[FmuPort]) -> ModelDescription {
         let about = ExportOptions { interface, ports: ports.into(), ..ExportOptions::default() };
-        ModelDescription::of_surrogate(surrogate, FmiVersion::V2, &about)
+        describe(surrogate, FmiVersion::V2, &about)
     }
 
     #[test]
@@ -559,7 +573,7 @@ mod tests {
     fn derivatives_have_flat_names_where_the_others_do() {
         let about = ExportOptions { names: NameStyle::Flat, ..ExportOptions::default() };
         let flat = with_names(&example::crane(), about.names).unwrap();
-        let description = ModelDescription::of_surrogate(&flat, FmiVersion::V2, &about);
+        let description = describe(&flat, FmiVersion::V2, &about);
         assert!(description.variables.iter().all(|variable| !variable.name.contains(['(', ')', '.', '['])));
         assert!(description.variables.iter().any(|variable| variable.name.starts_with("der_")));
     }

@@ -3,6 +3,7 @@
 use super::{
     Binary,
     card::card,
+    describe::describe,
     reference::{OPTIONS_FILE, RESULT_FILE, reference},
     sources,
 };
@@ -115,7 +116,7 @@ fn refuse_ports(surrogate: &Surrogate, about: &ExportOptions) -> Result<()> {
 }
 
 fn description(surrogate: &Surrogate, contents: &Contents) -> ModelDescription {
-    let mut description = ModelDescription::of_surrogate(surrogate, contents.version, contents.about);
+    let mut description = describe(surrogate, contents.version, contents.about);
     if contents.sources && contents.version == FmiVersion::V2 {
         let files: Vec<String> =
             sources::compiled(surrogate, contents.version).into_iter().map(str::to_owned).collect();

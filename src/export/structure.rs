@@ -236,6 +236,7 @@ fn follows_inputs(motion: &Motion, output: usize) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::export::describe::describe;
     use crate::fmi::ModelDescription;
     use metafmu_example as example;
 
@@ -250,8 +251,7 @@ mod tests {
 
     #[test]
     fn parameters_are_known_in_a_simulation_in_fmi_3_only() {
-        let [v2, v3] = FmiVersion::ALL
-            .map(|version| ModelDescription::of_surrogate(&example::crane(), version, &ExportOptions::default()));
+        let [v2, v3] = FmiVersion::ALL.map(|version| describe(&example::crane(), version, &ExportOptions::default()));
         let states = ["trolley.position", "rope.angle", "trolley.velocity", "rope.angular_velocity"];
         assert_eq!(dependencies(&v2, "x"), states);
         let known = ["rope", states[0], states[1], states[2], states[3], "domain_policy"];

@@ -7,20 +7,16 @@
 //! - [`validate()`]: every problem of an FMU; [`validate_apart`] runs it in separate processes.
 //! - [`hosts`]: what hosts will do with an FMU.
 
-mod archive;
-pub mod host;
 pub mod hosts;
-pub mod identifier;
-pub mod model_description;
-pub(crate) mod platform;
 pub mod system;
-pub mod validate;
+#[cfg(test)]
+mod tests;
 pub mod worker;
-pub mod xml;
 
-pub use archive::Archive;
-pub use host::{Fmu, FmuInstance, Inputs, InterfaceKind, SimulationOptions, SimulationTable, simulate};
-pub use model_description::{FmiVersion, ModelDescription};
-pub use platform::Platform;
-pub use validate::{Checks, Report, StandardOnly, validate};
+#[doc(inline)]
+pub use metafmu_fmi::{
+    Archive, Checks, FmiVersion, Fmu, FmuInstance, Inputs, InterfaceKind, ModelDescription, Platform, Report,
+    SimulationOptions, SimulationTable, StandardOnly, description_error, host, identifier, model_description, platform,
+    simulate, validate, xml,
+};
 pub use worker::{Watch, Workers, simulate_apart, validate_apart};

@@ -12,6 +12,7 @@ pub mod reading;
 pub mod signal;
 pub mod table;
 pub mod unit;
+pub mod unpacking;
 pub mod variable;
 
 pub use diagnostics::error::{Error, Result};

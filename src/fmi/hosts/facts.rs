@@ -3,8 +3,7 @@
 use crate::{
     Result,
     fmi::{
-        Archive, FmiVersion, InterfaceKind, ModelDescription, Platform,
-        archive::description_error,
+        Archive, FmiVersion, InterfaceKind, ModelDescription, Platform, description_error,
         model_description::{Causality, InterfaceCapabilities, ScalarVariable, VariableType},
         xml::{self, Document, tree::Element, variable_elements},
     },

@@ -7,7 +7,7 @@ use crate::{
     fmi::{
         InterfaceKind,
         xml::{
-            schema::{parse_boolean, parse_real},
+            parse_boolean, parse_real,
             tree::{Element, decode},
         },
     },

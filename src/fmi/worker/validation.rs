@@ -6,7 +6,7 @@ use crate::{
     fmi::{
         Archive, Fmu, InterfaceKind,
         host::Unpacked,
-        validate::{Area, Checks, Note, Notes, Report, examine, run},
+        validate::{Area, Checks, Note, Notes, Report, check_binary, examine},
     },
     process::ReplyStatus,
 };
@@ -78,7 +78,7 @@ pub fn serve(task: &ValidationTask, folder: &Path, checks: &dyn Checks, mut repl
     let mut notes = Notes(&mut send);
     match Fmu::open_unpacked(&task.path, folder, task.interface) {
         Ok(fmu) => {
-            run(&fmu, &mut Archive::open(&task.path)?, checks, &mut notes);
+            check_binary(&fmu, &mut Archive::open(&task.path)?, checks, &mut notes);
             notes.doing("unloading the FMU");
         }
         Err(error) => notes.problem(Area::Binary, error.to_string()),

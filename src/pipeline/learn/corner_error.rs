@@ -10,14 +10,18 @@ use crate::{
     },
     worst::worst,
 };
-use metafmu_runtime::{Domain, Evaluator, Output, Shown, Surrogate};
+use metafmu_runtime::{Domain, Evaluator, Output, Rows, Shown, Surrogate};
 use rayon::prelude::*;
 
 /// States of a run that are compared, at most.
 const STATES_OF_RUN: usize = 4000;
 
-/// Number of states that are compared for each row of a run: errors oscillate with the coordinates, and their peaks are narrow.
-const STATES_OF_ROW: usize = 8;
+/// Largest change of a coordinate from one state that is compared to the next, in its unit: errors oscillate with the coordinates, and
+/// their peaks are narrow.
+const SPACING: f64 = 0.1;
+
+/// States between two rows, at most.
+const MOST_BETWEEN_ROWS: usize = 8;
 
 /// Accelerations and forces that a surrogate has learned, and those of the mechanism.
 pub(super) struct LearnedMotion<'a> {
@@ -28,14 +32,6 @@ pub(super) struct LearnedMotion<'a> {
     pub deviations: &'a [f64],
     /// Number of parameters, which are the first columns of a point.
     pub parameters: usize,
-}
-
-/// A state of a run, and what the surrogate computes there.
-struct ComparedState {
-    /// Parameters, initial values, inputs, states.
-    point: Vec<f64>,
-    /// Outputs and the states' derivatives.
-    results: Vec<f64>,
 }
 
 /// Largest errors along a run.
@@ -59,10 +55,9 @@ impl LearnedMotion<'_> {
     pub(super) fn largest_errors(&self, trials: &[IntegrationTrial]) -> Option<CornerRecord> {
         let (evaluator, domain) = (Evaluator::new(self.surrogate), Domain::of(self.surrogate));
         let errors = trials.par_iter().map(|trial| {
-            let run = with_states_between(&trial.run);
-            let states = self.states(RollOut::along(self.surrogate, &evaluator, &run), run.times.len(), &domain);
-            let equations = self.equations.with(&run.parameters[..self.parameters]).ok()?;
-            self.errors(&equations, &states).map(|errors| (trial, errors))
+            let points = self.points(&trial.run, &evaluator, &domain);
+            let equations = self.equations.with(&trial.run.parameters[..self.parameters]).ok()?;
+            self.errors(&equations, &points, evaluator.clone()).map(|errors| (trial, errors))
         });
         let errors: Vec<Option<(&IntegrationTrial, RunErrors)>> = errors.collect();
         let errors: Vec<(&IntegrationTrial, RunErrors)> = errors.into_iter().flatten().collect();
@@ -75,18 +70,30 @@ impl LearnedMotion<'_> {
         })
     }
 
-    /// States of a run that are in the domain.
-    fn states(&self, mut roll_out: RollOut, rows: usize, domain: &Domain) -> Vec<ComparedState> {
-        let first_state = self.surrogate.inputs().len();
-        let mut states = Vec::new();
-        for row in 0..rows {
-            let Some((point, results)) = roll_out.at(row) else { break };
-            // states are compared one by one, so the motion may leave the domain and come back
-            if (first_state..point.len()).all(|column| domain.contains(column, point[column])) {
-                states.push(ComparedState { point: point.to_vec(), results: results.to_vec() });
+    /// States of a run, and states between two of them, that are in the domain: points of parameters, initial values, inputs and states.
+    fn points(&self, run: &Run, evaluator: &Evaluator, domain: &Domain) -> Rows {
+        let mut roll_out = RollOut::along(self.surrogate, evaluator, run);
+        let (units, first_state) = (self.equations.units(), self.surrogate.inputs().len());
+        let (mut points, mut before) = (Rows::default(), Vec::new());
+        for row in 0..run.times.len() {
+            let Some((point, _)) = roll_out.at(row) else { break };
+            let changes = before.iter().zip(point).skip(first_state).zip(&units);
+            let spacings =
+                changes.map(|((before, after), unit): ((&f64, &f64), &f64)| (after - before).abs() / (SPACING * unit));
+            let parts = (spacings.fold(1.0, f64::max).ceil() as usize).min(MOST_BETWEEN_ROWS + 1);
+            for part in 1..=parts {
+                let share = part as f64 / parts as f64;
+                let between = |(before, after): (&f64, &f64)| before + share * (after - before);
+                let state: Vec<f64> =
+                    if part == parts { point.to_vec() } else { before.iter().zip(point).map(between).collect() };
+                // states are compared one by one, so the motion may leave the domain and come back
+                if (first_state..state.len()).all(|column| domain.contains(column, state[column])) {
+                    points.push(&state);
+                }
             }
+            before = point.to_vec();
         }
-        states
+        points
     }
 
     /// Accelerations and forces of the mechanism at a point of the surrogate; none where it cannot be put together.
@@ -98,12 +105,19 @@ impl LearnedMotion<'_> {
         equations.motion(coordinates, velocities, &inputs).ok()
     }
 
-    /// Largest errors in states of a run; none if the mechanism can be put together in none of them.
-    fn errors(&self, equations: &EquationsWithParameters, states: &[ComparedState]) -> Option<RunErrors> {
-        let stride = states.len().div_ceil(STATES_OF_RUN).max(1);
+    /// Largest errors at points of a run; none if the mechanism can be put together at none of them.
+    fn errors(
+        &self,
+        equations: &EquationsWithParameters,
+        points: &Rows,
+        mut evaluator: Evaluator,
+    ) -> Option<RunErrors> {
+        let stride = points.len().div_ceil(STATES_OF_RUN).max(1);
         let (mut accelerations, mut forces) = (Vec::new(), self.force_errors());
-        for ComparedState { point, results } in states.iter().step_by(stride) {
+        let mut results = vec![0.0; evaluator.results()];
+        for point in points.iter().step_by(stride) {
             let Some(exact) = self.exact(equations, point) else { continue };
+            evaluator.evaluate(point, &mut results);
             let rates = &results[self.surrogate.outputs().len()..];
             // the rates of velocities follow those of coordinates
             let learned = &rates[self.deviations.len()..];
@@ -140,21 +154,6 @@ impl ForceError<'_> {
         let range = (self.output.max - self.output.min).max(high - low);
         if self.error == 0.0 { 0.0 } else { self.error / range }
     }
-}
-
-/// A run with more rows.
-fn with_states_between(run: &Run) -> Run {
-    let width = run.inputs.len() / run.times.len().max(1);
-    let (mut times, mut inputs) = (Vec::new(), Vec::new());
-    for (row, pair) in run.times.windows(2).enumerate() {
-        for part in 0..STATES_OF_ROW {
-            let share = part as f64 / STATES_OF_ROW as f64;
-            times.push(pair[0] + share * (pair[1] - pair[0]));
-            // inputs are constant along runs from corners
-            inputs.extend_from_slice(&run.inputs[row * width..][..width]);
-        }
-    }
-    Run { parameters: run.parameters.clone(), times: times.into(), inputs, outputs: Vec::new() }
 }
 
 /// The largest error, and its run.
