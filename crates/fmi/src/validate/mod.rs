@@ -190,7 +190,7 @@ impl fmt::Display for Area {
 }
 
 /// Checks an FMU and reports every problem. Its binary is run in this process: an FMU that crashes takes the program along,
-/// unlike with [`validate_apart`](super::validate_apart).
+/// unlike with `validate_apart` of the crate `metafmu`.
 ///
 /// # Errors
 /// [`Error::Io`] if the file cannot be read or unpacked, [`Error::Archive`] if it is not a zip archive: there is nothing to validate.
