@@ -13,12 +13,15 @@ use crate::{
 use metafmu_runtime::{Domain, Evaluator, Output, Rows, Shown, Surrogate};
 use rayon::prelude::*;
 
-/// States of a run that are compared, at most.
-const STATES_OF_RUN: usize = 4000;
+/// States that are compared in all runs together, at most.
+const STATES: usize = 40_000;
 
 /// Largest change of a coordinate from one state that is compared to the next, in its unit: errors oscillate with the coordinates, and
 /// their peaks are narrow.
 const SPACING: f64 = 0.1;
+
+/// Rows outside of the domain after which a run is given up: no state is compared there, but the motion may take long to compute.
+const MOST_ROWS_OUTSIDE: usize = 50;
 
 /// States between two rows, at most.
 const MOST_BETWEEN_ROWS: usize = 8;
@@ -54,10 +57,10 @@ impl LearnedMotion<'_> {
     /// Largest errors along these runs, wherever they are in the domain; none if no run has a state there.
     pub(super) fn largest_errors(&self, trials: &[IntegrationTrial]) -> Option<CornerRecord> {
         let (evaluator, domain) = (Evaluator::new(self.surrogate), Domain::of(self.surrogate));
+        let most = STATES.div_ceil(trials.len().max(1));
         let errors = trials.par_iter().map(|trial| {
             let points = self.points(&trial.run, &evaluator, &domain);
-            let equations = self.equations.with(&trial.run.parameters[..self.parameters]).ok()?;
-            self.errors(&equations, &points, evaluator.clone()).map(|errors| (trial, errors))
+            self.errors_along(&trial.run, &points, most, evaluator.clone()).map(|errors| (trial, errors))
         });
         let errors: Vec<Option<(&IntegrationTrial, RunErrors)>> = errors.collect();
         let errors: Vec<(&IntegrationTrial, RunErrors)> = errors.into_iter().flatten().collect();
@@ -74,24 +77,28 @@ impl LearnedMotion<'_> {
     fn points(&self, run: &Run, evaluator: &Evaluator, domain: &Domain) -> Rows {
         let mut roll_out = RollOut::along(self.surrogate, evaluator, run);
         let (units, first_state) = (self.equations.units(), self.surrogate.inputs().len());
-        let (mut points, mut before) = (Rows::default(), Vec::new());
+        let (mut points, mut before, mut outside) = (Rows::default(), Vec::new(), 0);
         for row in 0..run.times.len() {
             let Some((point, _)) = roll_out.at(row) else { break };
-            let changes = before.iter().zip(point).skip(first_state).zip(&units);
-            let spacings =
-                changes.map(|((before, after), unit): ((&f64, &f64), &f64)| (after - before).abs() / (SPACING * unit));
-            let parts = (spacings.fold(1.0, f64::max).ceil() as usize).min(MOST_BETWEEN_ROWS + 1);
+            if row == 0 {
+                before = point.to_vec();
+            }
+            let inside = points.len();
+            let parts = parts(&before[first_state..], &point[first_state..], &units);
             for part in 1..=parts {
                 let share = part as f64 / parts as f64;
-                let between = |(before, after): (&f64, &f64)| before + share * (after - before);
-                let state: Vec<f64> =
-                    if part == parts { point.to_vec() } else { before.iter().zip(point).map(between).collect() };
+                let between = before.iter().zip(point).map(|(before, after)| before + share * (after - before));
+                let between: Vec<f64> = between.collect();
                 // states are compared one by one, so the motion may leave the domain and come back
-                if (first_state..state.len()).all(|column| domain.contains(column, state[column])) {
-                    points.push(&state);
+                if (first_state..between.len()).all(|column| domain.contains(column, between[column])) {
+                    points.push(&between);
                 }
             }
             before = point.to_vec();
+            outside = if points.len() > inside { 0 } else { outside + 1 };
+            if outside > MOST_ROWS_OUTSIDE {
+                break;
+            }
         }
         points
     }
@@ -105,18 +112,13 @@ impl LearnedMotion<'_> {
         equations.motion(coordinates, velocities, &inputs).ok()
     }
 
-    /// Largest errors at points of a run; none if the mechanism can be put together at none of them.
-    fn errors(
-        &self,
-        equations: &EquationsWithParameters,
-        points: &Rows,
-        mut evaluator: Evaluator,
-    ) -> Option<RunErrors> {
-        let stride = points.len().div_ceil(STATES_OF_RUN).max(1);
+    /// Largest errors at some points of a run, `most` of them at most; none if the mechanism can be put together at none of them.
+    fn errors_along(&self, run: &Run, points: &Rows, most: usize, mut evaluator: Evaluator) -> Option<RunErrors> {
+        let equations = self.equations.with(&run.parameters[..self.parameters]).ok()?;
         let (mut accelerations, mut forces) = (Vec::new(), self.force_errors());
         let mut results = vec![0.0; evaluator.results()];
-        for point in points.iter().step_by(stride) {
-            let Some(exact) = self.exact(equations, point) else { continue };
+        for point in points.iter().step_by(points.len().div_ceil(most).max(1)) {
+            let Some(exact) = self.exact(&equations, point) else { continue };
             evaluator.evaluate(point, &mut results);
             let rates = &results[self.surrogate.outputs().len()..];
             // the rates of velocities follow those of coordinates
@@ -154,6 +156,13 @@ impl ForceError<'_> {
         let range = (self.output.max - self.output.min).max(high - low);
         if self.error == 0.0 { 0.0 } else { self.error / range }
     }
+}
+
+/// Number of parts in which the way between two states is compared.
+fn parts(before: &[f64], after: &[f64], units: &[f64]) -> usize {
+    let changes = before.iter().zip(after).zip(units);
+    let spacings = changes.map(|((before, after), unit)| (after - before).abs() / (SPACING * unit));
+    (spacings.fold(1.0, f64::max).ceil() as usize).min(MOST_BETWEEN_ROWS + 1)
 }
 
 /// The largest error, and its run.
