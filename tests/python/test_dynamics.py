@@ -372,6 +372,38 @@ def test_a_network_alone_with_drawn_nodes_is_the_solution_to_a_millionth(tmp_pat
     assert 1e-9 < error < 1e-6, error
 
 
+def test_forces_that_are_off_at_a_corner_are_a_limit_of_the_surrogate_with_advice_that_helps(tmp_path):
+    """Only the dictionary of a crank's length as a parameter is off, where a network learns the equations."""
+    text = (ROOT / "examples" / "dynamics" / "slider-crank.toml").read_text()
+    length = 'r = { default = 0.15, min = 0.1, max = 0.24, unit = "m" }'
+    lean = "asin(r/0.45*sin(theta0))"
+    for old, new in [
+        ("[parameters]", f"[parameters]\n{length}"),
+        ('["0.15*cos(theta0)", "0.15*sin(theta0)"]', '["r*cos(theta0)", "r*sin(theta0)"]'),
+        ("pin = [-0.15, 0], tip = [0.15, 0]", 'pin = ["-r", 0], tip = ["r", 0]'),
+        ('["0.3*cos(theta0) + 0.4", "0.15*sin(theta0)"]', f'["2*r*cos(theta0) + 0.45*cos({lean})", "r*sin(theta0)"]'),
+        ('"-0.3*sin(theta0)"', f'"-{lean}"'),
+        ('["0.3*cos(theta0) + 0.85", 0]', f'["2*r*cos(theta0) + 0.9*cos({lean})", 0]'),
+        ("[outputs]", '[outputs]\nside = { measure = "guide.fy" }'),
+    ]:
+        assert old in text, old
+        text = text.replace(old, new)
+    (tmp_path / "crank.toml").write_text(text)
+    run = lambda *arguments: subprocess.run([METAFMU, *arguments], cwd=tmp_path, capture_output=True, text=True)
+    assert run("new", "study", "--mechanism", "crank.toml", "--structure", "dynamics").returncode == 0
+    study = tmp_path / "study.toml"
+    text = study.read_text()
+    assert "\nstop = 10.0 " in text and "\ntest_runs = 20 " in text
+    study.write_text(text.replace("stop = 10.0", "stop = 1.0").replace("test_runs = 20", "test_runs = 1"))
+    built = run("build", "study.toml")
+    motion = json.loads((tmp_path / "out" / "study" / "training.json").read_text())["motion"]
+    corners = motion["corners"]
+    assert motion["reactions"]["error"] < 0.01 < corners["forces"]["error"], motion
+    assert corners["accelerations"]["error"] < 1e-3, corners
+    assert "\nusable, not good" in built.stdout and "the learned forces of joints, drivers and springs are off by" in built.stdout, built.stdout
+    assert "\n  try: smaller ranges" in built.stdout and "sampling.states" not in built.stdout, built.stdout
+
+
 def test_a_study_is_written_and_built_in_an_empty_folder(tmp_path):
     copy(ROOT / "examples" / "dynamics" / "crane.toml", tmp_path)
     run = lambda *arguments: subprocess.run([METAFMU, *arguments], cwd=tmp_path, capture_output=True, text=True)

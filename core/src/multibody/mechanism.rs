@@ -445,9 +445,10 @@ impl Mechanism {
         let z = reduced.model().actuator_starts();
         let inputs = self.description.inputs.values();
         let ends = [inputs.clone().map(|input| input.min).collect::<Vec<_>>(), inputs.map(|input| input.max).collect()];
-        let terms = reduced.terms(s)?;
         let accelerations = ends.map(|u| {
-            reduced.accelerations(&terms, rates, &[u, z.clone()].concat()).unwrap_or_else(|_| DVector::zeros(s.len()))
+            let terms = reduced.terms(s);
+            let found = terms.and_then(|terms| reduced.accelerations(&terms, rates, &[u, z.clone()].concat()));
+            found.unwrap_or_else(|_| DVector::zeros(s.len()))
         });
         let limits = limits(&self.description, &values);
         let chosen = reduced.coordinates().iter().enumerate();

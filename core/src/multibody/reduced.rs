@@ -122,9 +122,11 @@ impl Terms {
 
     /// Accelerations of all coordinates of the bodies, from those of the independent ones.
     pub fn all_accelerations(&self, rates: &DVector<f64>, accelerations: &DVector<f64>) -> DVector<f64> {
-        let along = |(gradient, rate): (&DMatrix<f64>, &f64)| gradient * rates * *rate;
-        let of_rates = self.velocity_gradient.iter().zip(rates).map(along);
-        of_rates.fold(&self.velocities * accelerations, |sum, part| sum + part)
+        let mut sum = &self.velocities * accelerations;
+        for (gradient, rate) in self.velocity_gradient.iter().zip(rates) {
+            sum += gradient * rates * *rate;
+        }
+        sum
     }
 }
 

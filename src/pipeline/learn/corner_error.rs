@@ -41,13 +41,18 @@ pub(super) struct LearnedMotion<'a> {
 struct RunErrors {
     /// Largest error of an acceleration, relative to its standard deviation.
     accelerations: f64,
-    /// Largest error of a force that an output shows, relative to the range of the output in training or in this run, whichever is larger.
-    forces: f64,
+    /// Largest error of a force that an output shows, relative to the range of the output in training or in this run, whichever is larger;
+    /// none if no output is such a force.
+    forces: Option<f64>,
 }
 
 /// Errors of a force along a run.
-struct ForceError<'a> {
-    output: &'a Output,
+struct ForceError {
+    /// The output that shows it.
+    output: usize,
+    /// Its position among the forces of the mechanism.
+    reaction: usize,
+    /// Largest error.
     error: f64,
     /// Smallest and largest exact value.
     range: [f64; 2],
@@ -64,12 +69,10 @@ impl LearnedMotion<'_> {
         });
         let errors: Vec<Option<(&IntegrationTrial, RunErrors)>> = errors.collect();
         let errors: Vec<(&IntegrationTrial, RunErrors)> = errors.into_iter().flatten().collect();
-        let has_forces = self.equations.shown().iter().any(|shown| matches!(shown, Shown::Reaction(_)));
-        let of_forces = || largest(errors.iter().map(|(trial, errors)| (*trial, errors.forces)));
         Some(CornerRecord {
             runs: errors.len(),
             accelerations: largest(errors.iter().map(|(trial, errors)| (*trial, errors.accelerations)))?,
-            forces: if has_forces { of_forces() } else { None },
+            forces: largest(errors.iter().filter_map(|(trial, errors)| Some((*trial, errors.forces?)))),
         })
     }
 
@@ -126,34 +129,39 @@ impl LearnedMotion<'_> {
             let of_state = learned.iter().zip(&exact.accelerations).zip(self.deviations);
             accelerations
                 .push(worst(of_state.map(|((learned, exact), deviation)| (learned - exact).abs() / deviation)));
-            for ((learned, shown), force) in results.iter().zip(self.equations.shown()).zip(&mut forces) {
-                if let Shown::Reaction(reaction) = shown {
-                    force.add(*learned, exact.reactions[*reaction]);
-                }
-            }
+            forces.iter_mut().for_each(|force| force.add(results[force.output], exact.reactions[force.reaction]));
         }
-        let relative = forces.iter().map(ForceError::relative);
-        (!accelerations.is_empty())
-            .then(|| RunErrors { accelerations: worst(accelerations.into_iter()), forces: worst(relative) })
+        let relative: Vec<f64> =
+            forces.iter().map(|force| force.relative(&self.surrogate.outputs()[force.output])).collect();
+        (!accelerations.is_empty()).then(|| RunErrors {
+            accelerations: worst(accelerations.into_iter()),
+            forces: (!relative.is_empty()).then(|| worst(relative.into_iter())),
+        })
     }
 
-    /// No error yet, one of each output; those of outputs that are no forces stay zero.
-    fn force_errors(&self) -> Vec<ForceError<'_>> {
-        let of_output = |output| ForceError { output, error: 0.0, range: [f64::INFINITY, f64::NEG_INFINITY] };
-        self.surrogate.outputs().iter().map(of_output).collect()
+    /// The forces that outputs show, without an error yet.
+    fn force_errors(&self) -> Vec<ForceError> {
+        let mut forces = Vec::new();
+        for (output, shown) in self.equations.shown().iter().enumerate() {
+            if let Shown::Reaction(reaction) = *shown {
+                let range = [f64::INFINITY, f64::NEG_INFINITY];
+                forces.push(ForceError { output, reaction, error: 0.0, range });
+            }
+        }
+        forces
     }
 }
 
-impl ForceError<'_> {
+impl ForceError {
     fn add(&mut self, learned: f64, exact: f64) {
         self.error = worst([self.error, (learned - exact).abs()].into_iter());
         self.range = [self.range[0].min(exact), self.range[1].max(exact)];
     }
 
-    /// Relative to the range in training or in the run.
-    fn relative(&self) -> f64 {
+    /// The error relative to the range of the output in training or in the run.
+    fn relative(&self, output: &Output) -> f64 {
         let [low, high] = self.range;
-        let range = (self.output.max - self.output.min).max(high - low);
+        let range = (output.max - output.min).max(high - low);
         if self.error == 0.0 { 0.0 } else { self.error / range }
     }
 }

@@ -122,7 +122,10 @@ impl TrainingRecord {
         let more = match (study.structure, study.source.is_recorded()) {
             (_, true) => format!("record more runs: these have {train_rows} training rows"),
             (_, false) if is_planned => "more `sampling.runs`, or motions that reach more of the ranges".into(),
-            (StudyStructure::Dynamics, false) => "more `sampling.states`, or smaller ranges".into(),
+            (StudyStructure::Dynamics, false) => match &self.method {
+                Some(MethodRecord::Motion(motion)) if !motion.may_gain_from_states() => "smaller ranges".into(),
+                _ => "more `sampling.states`, or smaller ranges".into(),
+            },
             (_, false) => {
                 let runs = study.sampling.runs.map_or(String::new(), |runs| format!(" above {runs}"));
                 format!("add runs: `sampling.runs`{runs}, or a `[target]`")

@@ -89,7 +89,7 @@ impl CornerRecord {
 }
 
 impl CornerError {
-    /// The error as text if it is too large, or not a number.
+    /// The error as text, if it is above the limit or is not a number.
     fn poor(&self) -> Option<String> {
         let is_good = self.error <= POOR;
         (!is_good).then(|| power(self.error, 1))
@@ -102,14 +102,35 @@ impl MotionRecord {
         self.problem_of_equations().or_else(|| self.problem_of_reactions())
     }
 
+    /// Returns true if networks were compared: dictionaries have as many samples as they need, whatever the study says.
+    fn has_networks(&self) -> bool {
+        !self.candidates.is_empty()
+    }
+
+    /// Returns true if more states to learn from may improve what is poor: networks gain from them, but forces have a dictionary alone.
+    pub(in crate::pipeline) fn may_gain_from_states(&self) -> bool {
+        self.has_networks() && !self.are_only_forces_poor()
+    }
+
+    fn are_only_forces_poor(&self) -> bool {
+        let Some(CornerRecord { accelerations, forces: Some(forces), .. }) = &self.corners else { return false };
+        let are_equations_good = self.problem_of_equations().is_none() && accelerations.poor().is_none();
+        are_equations_good && (forces.poor().is_some() || self.problem_of_reactions().is_some())
+    }
+
     /// Limit of the equations that are good at random states: corners of the domain at which they are not.
     pub(in crate::pipeline) fn limit(&self) -> Option<String> {
         let CornerRecord { accelerations, forces, .. } = self.corners.as_ref()?;
         if let Some(error) = accelerations.poor() {
             return Some(format!(
                 "the learned accelerations are off by {error} of their standard deviation at a corner of the domain ({}), expected at most \
-                 {POOR}: more `sampling.states`, smaller ranges or a larger network may help",
-                accelerations.run
+                 {POOR}: {} may help",
+                accelerations.run,
+                if self.has_networks() {
+                    "more `sampling.states`, smaller ranges or a larger network"
+                } else {
+                    "smaller ranges"
+                }
             ));
         }
         let forces = forces.as_ref()?;
