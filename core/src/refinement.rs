@@ -6,7 +6,7 @@ use crate::{
     sampling::{self, Plan, Stream},
     study::{Method, Study, TargetOptions},
 };
-use metafmu_runtime::{Evaluator, Surrogate};
+use metafmu_runtime::{Evaluator, Rows, Surrogate};
 use rayon::prelude::*;
 
 /// Points among which one is chosen, for each that is wanted.
@@ -19,39 +19,39 @@ pub fn next_points(
     target: &TargetOptions,
     surrogate: &Surrogate,
     dataset: &Dataset,
-    failed: &[Vec<f64>],
+    failed: &Rows,
     asked: usize,
-) -> Vec<Vec<f64>> {
+) -> Rows {
     let count = target.runs.min(target.max_runs.saturating_sub(dataset.runs.len()));
     if !target.adaptive {
         return go_on(study, asked, count);
     }
     // a stretch of the stream of its own for each round
     let candidates = uniform(study, study.faces(), asked * CANDIDATES, count * CANDIDATES);
-    let places = |points: &[Vec<f64>]| points.iter().map(|point| unit_cube(point, study)).collect::<Vec<_>>();
-    let (mut runs, mut errors) = (Vec::new(), errors(surrogate, dataset));
+    let places = |points: &Rows| points.iter().map(|point| unit_cube(point, study)).collect::<Rows>();
+    let (mut runs, mut errors) = (Rows::default(), errors(surrogate, dataset));
     runs.extend(dataset.runs.iter().map(|run| unit_cube(&run.parameters, study)));
     // there is nothing to gain where runs fail
-    runs.extend(places(failed));
+    runs.extend(&places(failed));
     errors.resize(runs.len(), 0.0);
-    let chosen = choose(&runs, &errors, &places(&candidates), count);
-    chosen.into_iter().map(|index| candidates[index].clone()).collect()
+    candidates.pick(&choose(&runs, &errors, &places(&candidates), count))
 }
 
 /// The points that follow those of the plan, where it can be extended; else random ones.
-fn go_on(study: &Study, asked: usize, count: usize) -> Vec<Vec<f64>> {
+fn go_on(study: &Study, asked: usize, count: usize) -> Rows {
     match study.sampling.method {
         Some(Method::Random | Method::Sobol | Method::Halton) => {
             let mut longer = study.clone();
             let planned = study.sampling.runs.unwrap_or(0);
             longer.sampling.runs = Some(planned + asked + count);
-            Plan::new(&longer).train.split_off(planned + asked)
+            let points = Plan::new(&longer).train;
+            points.part(planned + asked..points.len())
         }
         _ => uniform(study, 0.0, asked, count),
     }
 }
 
-fn uniform(study: &Study, faces: f64, skip: usize, count: usize) -> Vec<Vec<f64>> {
+fn uniform(study: &Study, faces: f64, skip: usize, count: usize) -> Rows {
     let parameters: Vec<_> = study.parameters.values().collect();
     let points = sampling::uniform(parameters.len(), sampling::random(study.seed, Stream::Refinement));
     sampling::place(&parameters, faces, points.skip(skip)).take(count).collect()
@@ -81,8 +81,9 @@ fn errors(surrogate: &Surrogate, dataset: &Dataset) -> Vec<f64> {
 /// - the distance to the nearest run, chosen candidates included,
 ///
 /// so that runs go where the error is large, without crowding. All places are in the unit cube.
-fn choose(runs: &[Vec<f64>], errors: &[f64], candidates: &[Vec<f64>], count: usize) -> Vec<usize> {
-    let estimate = |candidate: &Vec<f64>| {
+fn choose(runs: &Rows, errors: &[f64], candidates: &Rows, count: usize) -> Vec<usize> {
+    let estimate = |candidate: usize| {
+        let candidate = &candidates[candidate];
         let mut near: Vec<(f64, f64)> =
             runs.iter().zip(errors).map(|(run, &error)| (squared_distance(run, candidate), error)).collect();
         let neighbors = (candidate.len() + 1).min(near.len());
@@ -98,7 +99,7 @@ fn choose(runs: &[Vec<f64>], errors: &[f64], candidates: &[Vec<f64>], count: usi
         let nearest = near.iter().map(|&(distance, _)| distance).fold(f64::INFINITY, f64::min);
         (expected, nearest)
     };
-    let mut open: Vec<(f64, f64)> = candidates.par_iter().map(estimate).collect();
+    let mut open: Vec<(f64, f64)> = (0..candidates.len()).into_par_iter().map(estimate).collect();
     let mut chosen = Vec::with_capacity(count);
     for _ in 0..count.min(candidates.len()) {
         let score = |&(expected, nearest): &(f64, f64)| expected * nearest.sqrt();
@@ -131,7 +132,7 @@ mod tests {
     fn an_extendable_plan_goes_on_where_it_ended_and_others_at_random() {
         let long = Plan::new(&study(|text| text.replacen("runs = 1331", "runs = 50", 1))).train;
         let short = study(|text| text.replacen("runs = 1331", "runs = 20", 1));
-        assert_eq!(go_on(&short, 10, 20), long[30..]);
+        assert_eq!(go_on(&short, 10, 20), long.part(30..50));
         let mesh = study(|text| {
             let text = text.replacen("\"sobol\"", "\"mesh\"", 1).replacen("runs = 1331", "levels = 3", 1);
             text.replacen("faces = ", "# ", 1)
@@ -143,13 +144,13 @@ mod tests {
 
     #[test]
     fn runs_go_where_the_error_is_large_and_keep_apart() {
-        let grid: Vec<Vec<f64>> = (0..100).map(|i| vec![f64::from(i % 10) / 9.0, f64::from(i / 10) / 9.0]).collect();
+        let grid: Rows = (0..100).map(|i| [f64::from(i % 10) / 9.0, f64::from(i / 10) / 9.0]).collect();
         // large in one corner
         let errors: Vec<f64> = grid.iter().map(|p| if p[0] > 0.7 && p[1] > 0.7 { 1.0 } else { 1e-3 }).collect();
-        let candidates: Vec<Vec<f64>> =
-            (0..2000).map(|i| vec![(f64::from(i) * 0.618_034).fract(), (f64::from(i) * 0.754_878).fract()]).collect();
+        let candidates: Rows =
+            (0..2000).map(|i| [(f64::from(i) * 0.618_034).fract(), (f64::from(i) * 0.754_878).fract()]).collect();
         let chosen = choose(&grid, &errors, &candidates, 20);
-        let places: Vec<&Vec<f64>> = chosen.iter().map(|&index| &candidates[index]).collect();
+        let places: Vec<&[f64]> = chosen.iter().map(|&index| &candidates[index]).collect();
         let inside = places.iter().filter(|p| p[0] > 0.6 && p[1] > 0.6).count();
         assert!(inside >= 18, "{inside} of 20 in the corner");
         for (index, a) in places.iter().enumerate() {
@@ -159,8 +160,8 @@ mod tests {
 
     #[test]
     fn equal_errors_fill_the_gaps() {
-        let runs = [vec![0.0], vec![0.1], vec![0.2], vec![1.0]];
-        let candidates: Vec<Vec<f64>> = (0..=100).map(|i| vec![f64::from(i) / 100.0]).collect();
+        let runs = Rows::from_iter([[0.0], [0.1], [0.2], [1.0]]);
+        let candidates: Rows = (0..=100).map(|i| [f64::from(i) / 100.0]).collect();
         assert_eq!(choose(&runs, &[1.0; 4], &candidates, 1), [60]);
     }
 }

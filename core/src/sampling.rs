@@ -4,6 +4,7 @@ use crate::{
     Result,
     study::{MAX_HALTON_PARAMETERS, Method, ParameterOptions, Study},
 };
+use metafmu_runtime::Rows;
 use rand::{Rng, SeedableRng, rngs::ChaCha8Rng, seq::SliceRandom};
 use sobol::{Sobol, params::JoeKuoD6};
 use std::collections::HashSet;
@@ -35,7 +36,7 @@ impl<T> Sets<T> {
 }
 
 /// Parameter values of every run, one row a run.
-pub type Plan = Sets<Vec<Vec<f64>>>;
+pub type Plan = Sets<Rows>;
 
 /// Bases of Halton's sequences. Larger ones fill the ranges only after very many points.
 const HALTON_BASES: [u8; MAX_HALTON_PARAMETERS] = [2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37, 41, 43, 47, 53];
@@ -83,20 +84,21 @@ impl Plan {
             None if study.has_memory() => {
                 place(&parameters, 0.0, uniform(count, generator)).take(study.train_runs() as usize).collect()
             }
-            None => Vec::new(),
+            None => Rows::default(),
             Some(Method::Mesh) => mesh(&parameters, study.sampling.levels),
             Some(Method::Random) => place(&parameters, faces, uniform(count, generator)).take(runs).collect(),
             Some(Method::LatinHypercube) => {
-                place(&parameters, faces, latin_hypercube(count, runs, &mut generator).into_iter()).collect()
+                let points = latin_hypercube(count, runs, &mut generator);
+                place(&parameters, faces, points.iter().map(<[f64]>::to_vec)).collect()
             }
             Some(Method::Sobol) => place(&parameters, faces, sobol(count, generator)).take(runs).collect(),
             Some(Method::Halton) => place(&parameters, faces, halton(count, generator)).take(runs).collect(),
-            Some(Method::List) => study.points().unwrap_or_default().to_vec(),
+            Some(Method::List) => study.points().unwrap_or_default().iter().collect(),
         };
         // zeros of both signs are one value
-        let bits = |point: &Vec<f64>| point.iter().map(|value| (value + 0.0).to_bits()).collect::<Vec<u64>>();
+        let bits = |point: &[f64]| point.iter().map(|value| (value + 0.0).to_bits()).collect::<Vec<u64>>();
         let seen: HashSet<Vec<u64>> = train.iter().map(bits).collect();
-        let unseen = |point: &Vec<f64>| !seen.contains(&bits(point));
+        let unseen = |point: &Vec<f64>| !seen.contains(&bits(point.as_slice()));
         // where no parameter has a range, training may have seen all points that exist
         let has_range = parameters.iter().any(|options| options.values.is_empty() && options.min < options.max);
         let draws = |runs: usize| if has_range { usize::MAX } else { 64 * runs };
@@ -113,12 +115,11 @@ impl Plan {
 }
 
 /// Every combination of evenly spaced levels or nominal values; the last parameter changes fastest.
-fn mesh(parameters: &[&ParameterOptions], levels: Option<usize>) -> Vec<Vec<f64>> {
-    parameters.iter().fold(vec![Vec::new()], |points, parameter| {
+fn mesh(parameters: &[&ParameterOptions], levels: Option<usize>) -> Rows {
+    parameters.iter().fold(Rows::zeros(0, 1), |points, parameter| {
         // a validated study has levels for every parameter
         let levels = parameter.mesh(parameter.levels.or(levels).unwrap_or(2).max(2));
-        let extend = |point: Vec<f64>| levels.iter().map(move |&level| [point.as_slice(), &[level]].concat());
-        points.into_iter().flat_map(extend).collect()
+        points.iter().flat_map(|point| levels.iter().map(move |level| [point, &[*level]].concat())).collect()
     })
 }
 
@@ -150,13 +151,13 @@ pub fn place(
 
 /// Latin hypercube (McKay, Beckman, Conover 1979) of the unit cube: each of `runs` equal slices of each coordinate has one point, at
 /// random in it. It is made for its number of runs: a longer plan does not begin with a shorter one.
-pub fn latin_hypercube(parameters: usize, runs: usize, generator: &mut ChaCha8Rng) -> Vec<Vec<f64>> {
-    let mut points = vec![Vec::with_capacity(parameters); runs];
-    for _ in 0..parameters {
+pub fn latin_hypercube(parameters: usize, runs: usize, generator: &mut ChaCha8Rng) -> Rows {
+    let mut points = Rows::zeros(parameters, runs);
+    for parameter in 0..parameters {
         let mut slices: Vec<usize> = (0..runs).collect();
         slices.shuffle(generator);
-        for (point, slice) in points.iter_mut().zip(slices) {
-            point.push((slice as f64 + unit_interval(generator)) / runs as f64);
+        for (run, slice) in slices.into_iter().enumerate() {
+            points[run][parameter] = (slice as f64 + unit_interval(generator)) / runs as f64;
         }
     }
     points
@@ -215,7 +216,7 @@ mod tests {
         assert_eq!(plan.train[0], [0.1, 0.0, 0.0]);
         assert_eq!(plan.train[1], [0.1, 0.0, 0.5]);
         assert_eq!(plan.train[1330], [0.2, 0.15, 5.0]);
-        let mut sorted = plan.train.clone();
+        let mut sorted: Vec<&[f64]> = plan.train.iter().collect();
         sorted.sort_by(|a, b| a.partial_cmp(b).unwrap());
         sorted.dedup();
         assert_eq!(sorted.len(), 1331);
@@ -248,7 +249,7 @@ mod tests {
     #[test]
     fn sobol_points_fill_every_cell_once_and_a_shorter_plan_begins_a_longer_one() {
         let points = runs("sobol", 1024);
-        assert_eq!(points[..100], runs("sobol", 100));
+        assert_eq!(points.part(0..100), runs("sobol", 100));
         let ranges = [(0.1, 0.2), (0.0, 0.15), (0.0, 5.0)];
         let cell = |point: &[f64], column: usize, cells: f64| {
             ((point[column] - ranges[column].0) / (ranges[column].1 - ranges[column].0) * cells) as usize
@@ -264,11 +265,11 @@ mod tests {
         assert_eq!(seen, vec![1; 1024]);
     }
 
-    fn runs(method: &str, runs: usize) -> Vec<Vec<f64>> {
+    fn runs(method: &str, runs: usize) -> Rows {
         runs_with(method, runs, "faces = 0.0")
     }
 
-    fn runs_with(method: &str, runs: usize, more: &str) -> Vec<Vec<f64>> {
+    fn runs_with(method: &str, runs: usize, more: &str) -> Rows {
         let text = |text: String| {
             text.replace("method = \"mesh\"", &format!("method = \"{method}\""))
                 .replace("levels = 11", &format!("runs = {runs}\n{more}"))
@@ -277,7 +278,7 @@ mod tests {
     }
 
     /// The points on the unit cube.
-    fn unit(points: &[Vec<f64>]) -> Vec<[f64; 3]> {
+    fn unit(points: &Rows) -> Vec<[f64; 3]> {
         points.iter().map(|p| [(p[0] - 0.1) / 0.1, p[1] / 0.15, p[2] / 5.0]).collect()
     }
 
@@ -300,7 +301,7 @@ mod tests {
     fn halton_points_leave_no_gap_and_a_shorter_plan_begins_a_longer_one() {
         for (column, count) in [(0, 1 << 10), (1, 3usize.pow(6)), (2, 5usize.pow(4))] {
             let points = runs("halton", count - 1);
-            assert_eq!(points[..100], runs("halton", 100));
+            assert_eq!(points.part(0..100), runs("halton", 100));
             let mut places: Vec<f64> = unit(&points).iter().map(|point| point[column]).collect();
             places.sort_by(f64::total_cmp);
             let around = 1.0 + places[0] - places[places.len() - 1];
@@ -323,7 +324,7 @@ mod tests {
         };
         let study = read("note;c;L [m];thetad0\nfirst;0,1;0,15;2\nsecond;0;0,2;5\n").unwrap();
         let plan = Plan::new(&study);
-        assert_eq!(plan.train, [[0.15, 0.1, 2.0], [0.2, 0.0, 5.0]]);
+        assert_eq!(plan.train, Rows::from_iter([[0.15, 0.1, 2.0], [0.2, 0.0, 5.0]]));
         assert_eq!((plan.test.len(), study.train_runs()), (200, 2));
         let other = read("c,L,thetad0\n0.1,0.15,2\n0,0.2,4.9\n").unwrap();
         assert_ne!(other.sampling_digest(), study.sampling_digest());
@@ -357,7 +358,7 @@ mod tests {
             });
             let plan = Plan::new(&study);
             assert_eq!((plan.train.len(), plan.test.len(), plan.calibration.len()), (600, 200, 50));
-            let count = |points: &[Vec<f64>], value: f64| points.iter().filter(|point| point[0] == value).count();
+            let count = |points: &Rows, value: f64| points.iter().filter(|point| point[0] == value).count();
             for (_, points) in plan.named() {
                 let listed: usize = [0.15, 0.1, 0.2].iter().map(|&value| count(points, value)).sum();
                 assert_eq!(listed, points.len(), "{method}");
@@ -389,7 +390,7 @@ mod tests {
         };
         // the very value of the study is taken
         let study = read("L,c,thetad0\n0.2,0,0\n0.15000000000001,0,0\n").unwrap();
-        assert_eq!(Plan::new(&study).train, [[0.2, 0.0, 0.0], [0.15, 0.0, 0.0]]);
+        assert_eq!(Plan::new(&study).train, Rows::from_iter([[0.2, 0.0, 0.0], [0.15, 0.0, 0.0]]));
         let message = read("L,c,thetad0\n0.2,0,0\n0.16,0,0\n").unwrap_err().to_string();
         let says = "p.csv:3: column `L`: 0.16, expected one of 0.15, 0.1, 0.2, the study's values";
         assert!(message.contains(says), "{message}");
@@ -421,7 +422,7 @@ mod tests {
             let none = runs_with(method, 2000, "faces = 0.0");
             assert!(none.iter().all(|point| point[1] > 0.0 && point[2] > 0.0), "{method}");
             if method != "latin-hypercube" {
-                assert_eq!(points[..500], runs_with(method, 500, "faces = 0.2"), "{method}");
+                assert_eq!(points.part(0..500), runs_with(method, 500, "faces = 0.2"), "{method}");
             }
         }
     }

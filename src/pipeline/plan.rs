@@ -12,7 +12,7 @@ use crate::{
     study::{Draft, Study},
     table::{TableColumn, header_field},
 };
-use metafmu_runtime::Scaling;
+use metafmu_runtime::{Rows, Scaling};
 use std::{fmt::Write as _, io::Write, path::Path};
 
 /// Fewest places among which points beside rows are chosen, and places for each point.
@@ -35,7 +35,7 @@ struct Design {
     columns: Vec<TableColumn>,
     /// Position of each input among the columns.
     positions: Vec<usize>,
-    points: Vec<Vec<f64>>,
+    points: Rows,
 }
 
 /// Writes points as CSV, with empty outputs. They are a space-filling design if the table has no rows. Otherwise they
@@ -141,7 +141,7 @@ fn placed(ranges: &[[f64; 2]], shares: &[f64], faces: f64) -> Vec<f64> {
 }
 
 /// Latin hypercube whose nearest points are the farthest from each other, of many random ones.
-fn spread(study: &Study, ranges: &[[f64; 2]], count: usize) -> Vec<Vec<f64>> {
+fn spread(study: &Study, ranges: &[[f64; 2]], count: usize) -> Rows {
     let mut generator = sampling::random(study.seed, Stream::Design);
     let tries = (DISTANCES / (count * count).max(1)).clamp(1, HYPERCUBES);
     let made = (0..tries).map(|_| {
@@ -151,13 +151,13 @@ fn spread(study: &Study, ranges: &[[f64; 2]], count: usize) -> Vec<Vec<f64>> {
     });
     // the first of equal ones
     let best = made.reduce(|best, next| if next.0 > best.0 { next } else { best });
-    let points = best.map_or(Vec::new(), |(_, points)| points);
+    let points = best.map_or_else(Rows::default, |(_, points)| points);
     points.iter().map(|shares| placed(ranges, shares, 0.0)).collect()
 }
 
-fn least_distance(points: &[Vec<f64>]) -> f64 {
+fn least_distance(points: &Rows) -> f64 {
     let distance = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f64>();
-    let pairs = points.iter().enumerate().flat_map(|(place, a)| points[..place].iter().map(move |b| distance(a, b)));
+    let pairs = points.iter().enumerate().flat_map(|(place, a)| points.iter().take(place).map(move |b| distance(a, b)));
     pairs.fold(f64::INFINITY, f64::min)
 }
 
@@ -167,20 +167,20 @@ fn beside_rows(
     rows: &DesignRows,
     count: usize,
     say: impl Fn(std::fmt::Arguments),
-) -> Vec<Vec<f64>> {
+) -> Rows {
     let places = PLACES.max(PLACES_FOR_EACH * count);
     let mut generator = sampling::random(study.seed, Stream::Design);
     let shares = sampling::latin_hypercube(ranges.len(), places, &mut generator);
     let is_new = |point: &Vec<f64>| !rows.points.contains(point);
-    let candidates: Vec<Vec<f64>> = shares.iter().map(|shares| placed(ranges, shares, FACES)).filter(is_new).collect();
-    let (mut points, mut labels, mut planned) = (Vec::new(), Vec::new(), Vec::new());
+    let candidates: Rows = shares.iter().map(|shares| placed(ranges, shares, FACES)).filter(is_new).collect();
+    let (mut points, mut labels, mut planned) = (Rows::default(), Rows::default(), Rows::default());
     for (point, outputs) in rows.points.iter().zip(&rows.outputs) {
         match outputs {
             Some(outputs) => {
-                points.push(point.clone());
-                labels.push(outputs.clone());
+                points.push(point);
+                labels.push(outputs);
             }
-            None => planned.push(point.clone()),
+            None => planned.push(point),
         }
     }
     let waiting = match planned.len() {
@@ -192,19 +192,18 @@ fn beside_rows(
         rows.points.len()
     ));
     // lengths of distances, where no row has outputs
-    let all: Vec<Vec<f64>> = points.iter().chain(&planned).cloned().collect();
-    let (input_mean, input_scale) = of_columns(&all);
-    let outputs = labels.first().map_or(0, Vec::len);
+    let (input_mean, input_scale) = of_columns(points.iter().chain(&planned));
+    let outputs = labels.width();
     let (output_mean, output_scale) =
         if labels.is_empty() { (vec![0.0; outputs], vec![1.0; outputs]) } else { of_columns(&labels) };
     let scaling = Scaling { input_mean, input_scale, output_mean, output_scale };
-    let standardize = |points: &[Vec<f64>]| StandardizedRows::new(points.concat(), Vec::new(), scaling.clone()).x;
-    let x = standardize(&[&planned[..], &candidates].concat());
+    let places = [planned.values(), candidates.values()].concat();
+    let x = StandardizedRows::new(places, Vec::new(), scaling.clone()).x;
     let model = GaussianProcess::default();
-    let known = StandardizedRows::new(points.concat(), labels.concat(), scaling.clone());
+    let known = StandardizedRows::new(points.into_values(), labels.into_values(), scaling);
     let known = choose_rows(&known, Some(model.rows), study.seed);
     let chosen = design_points(&model, &known, &DesignPlaces { x, planned: planned.len() }, count);
-    chosen.into_iter().map(|place| candidates[place - planned.len()].clone()).collect()
+    chosen.into_iter().map(|place| &candidates[place - planned.len()]).collect()
 }
 
 impl Design {

@@ -245,7 +245,7 @@ impl<'p> Other<'p> {
             let (Source::Simulation(_), Source::Simulation(_)) = (&project.source, &other.source) else {
                 return Err(refuse("has other recorded runs or another choice of test runs".into()));
             };
-            let bits = |point: &Vec<f64>| point.iter().map(|value| value.to_bits()).collect::<Vec<u64>>();
+            let bits = |point: &[f64]| point.iter().map(|value| value.to_bits()).collect::<Vec<u64>>();
             let Plan { train, calibration, .. } = Plan::new(&other.study);
             let seen: HashSet<Vec<u64>> = train.iter().chain(&calibration).map(bits).collect();
             let known = Plan::new(&project.study).test.iter().filter(|point| seen.contains(&bits(point))).count();

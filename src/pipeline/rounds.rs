@@ -17,7 +17,7 @@ use crate::{
     table::header_field,
     training::{EpochRecord, StopReason, joined, read_history, write_history},
 };
-use metafmu_runtime::Surrogate;
+use metafmu_runtime::{Rows, Surrogate};
 
 /// Trains, in several rounds if the study has a target. To `resume` is to use the results of an earlier training, or
 /// else to continue from its checkpoint, if there is one.
@@ -67,7 +67,7 @@ fn in_rounds(
     }
     let validation = held_out(&project.study, planned);
     let (mut dataset, mut rounds, mut start, mut asked) = (planned.clone(), Vec::<Round>::new(), None, 0);
-    let mut failed = failures(Plan::new(&project.study).train, planned);
+    let mut failed = failures(&Plan::new(&project.study).train, planned);
     let trained = loop {
         let round = project.round(rounds.len());
         round.prepare_folder()?;
@@ -102,7 +102,7 @@ fn in_rounds(
             project.say("no further run can be added: the training ends short of the target");
             break trained;
         }
-        failed.extend(failures(points, &added));
+        failed.extend(&failures(&points, &added));
         dataset.runs.extend(added.runs);
         start = Some(trained);
     };
@@ -123,12 +123,12 @@ fn in_rounds(
 
 /// The runs of these points: those a killed training has simulated already, or new ones. There will be `total` with those
 /// before.
-fn simulate(round: &Project, points: &[Vec<f64>], total: usize) -> Result<Dataset> {
+fn simulate(round: &Project, points: &Rows, total: usize) -> Result<Dataset> {
     let (path, digest) = (round.table("added"), round.folder().join("added.sha256"));
     if let Ok(digest) = std::fs::read_to_string(&digest)
         && let Ok(kept) = Dataset::read(&path, &digest, round.source.columns())
         && !kept.runs.is_empty()
-        && failures(points.to_vec(), &kept).len() + kept.runs.len() == points.len()
+        && failures(points, &kept).len() + kept.runs.len() == points.len()
     {
         return Ok(kept);
     }
@@ -140,9 +140,9 @@ fn simulate(round: &Project, points: &[Vec<f64>], total: usize) -> Result<Datase
 }
 
 /// The points whose runs are not there, because they failed; the others' are in the order of the points.
-fn failures(points: Vec<Vec<f64>>, made: &Dataset) -> Vec<Vec<f64>> {
+fn failures(points: &Rows, made: &Dataset) -> Rows {
     let mut made = made.runs.iter().peekable();
-    points.into_iter().filter(|point| made.next_if(|run| run.parameters == *point).is_none()).collect()
+    points.iter().filter(|point| made.next_if(|run| run.parameters == *point).is_none()).collect()
 }
 
 fn report(project: &Project, before: &[Round], round: &Round, target: &TargetOptions, validation_runs: usize) {

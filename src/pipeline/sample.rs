@@ -21,6 +21,7 @@ use crate::{
     variable::SourceVariable,
 };
 use indexmap::IndexMap;
+use metafmu_runtime::Rows;
 use serde::Serialize;
 use std::{fmt::Write, path::PathBuf, time::Instant};
 
@@ -82,7 +83,7 @@ pub(super) fn kept(project: &Project) -> Result<Option<Samples>> {
 /// The runs that failed.
 fn failures(project: &Project, plan: &Plan, outcomes: &[RunOutcome]) -> Vec<FailedRun> {
     let runs = plan.named().into_iter().flat_map(|(set, points)| points.iter().enumerate().map(move |run| (set, run)));
-    let failure = |((set, (run, point)), outcome): ((&str, (usize, &Vec<f64>)), &RunOutcome)| {
+    let failure = |((set, (run, point)), outcome): ((&str, (usize, &[f64])), &RunOutcome)| {
         let names = project.study.planned().map(|(name, _)| name.to_owned());
         let reason = outcome.as_ref().err()?.message.clone();
         Some(FailedRun { set: set.into(), run, parameters: names.zip(point.iter().copied()).collect(), reason })
@@ -161,7 +162,7 @@ pub fn sample_shard(project: &Project, part: Shard) -> Result<ShardRecord> {
     let start = Instant::now();
     let simulation = simulated(project)?;
     let all = all_points(&simulation.plan(&project.study));
-    let points: Vec<Vec<f64>> = part.positions(all.len()).map(|position| all[position].clone()).collect();
+    let points = all.pick(&part.positions(all.len()).collect::<Vec<_>>());
     let journal = simulation.journal(&project.shard_journal(part), &project.study)?;
     method(&project.study).check(project)?;
     let outcomes = run_points(project, simulation, &points, all.len(), &journal)?;
@@ -215,15 +216,15 @@ fn no_runs(project: &Project) -> Error {
 }
 
 /// The points of all sets, one after the other.
-fn all_points(plan: &Plan) -> Vec<Vec<f64>> {
-    plan.named().map(|(_, points)| points.as_slice()).concat()
+fn all_points(plan: &Plan) -> Rows {
+    plan.named().into_iter().flat_map(|(_, points)| points).collect()
 }
 
 /// Runs points, which may be only a part of all.
 fn run_points(
     project: &Project,
     simulation: &Simulation,
-    points: &[Vec<f64>],
+    points: &Rows,
     total: usize,
     journal: &Journal,
 ) -> Result<Vec<RunOutcome>> {
@@ -247,7 +248,7 @@ fn sort(
     let failed = failures(project, &plan, &outcomes);
     tell(project, &failed, outcomes.len());
     let mut outcomes = outcomes.into_iter();
-    let next = |points: Vec<_>| Ok(simulation.dataset(outcomes.by_ref().take(points.len()).collect()));
+    let next = |points: Rows| Ok(simulation.dataset(outcomes.by_ref().take(points.len()).collect()));
     let Sets { train, test, calibration } = plan.try_map(next)?;
     // only training runs continue beyond the end
     let stop = project.study.time.stop;
@@ -316,7 +317,7 @@ fn settle_constants(project: &Project, sets: &mut Sets<Dataset>) -> Vec<String> 
 
 /// Simulates further runs, those of the given points, after which there are `total`. As many may fail as of a plan of all of
 /// them.
-pub fn simulate(project: &Project, points: &[Vec<f64>], total: usize) -> Result<Dataset> {
+pub fn simulate(project: &Project, points: &Rows, total: usize) -> Result<Dataset> {
     let Source::Simulation(simulation) = &project.source else {
         return Err(project.study.refusal("target", "recorded runs cannot be added to"));
     };

@@ -12,7 +12,7 @@ use crate::{
     source::{Simulation, Source, setting::SourceSetting, timed::TimedRuns},
     worst::worst,
 };
-use metafmu_runtime::{Evaluator, Surrogate};
+use metafmu_runtime::{Evaluator, Rows, Surrogate};
 use std::time::{Duration, Instant};
 
 /// Time after which a measurement is not repeated.
@@ -92,7 +92,7 @@ fn measure(project: &Project, surrogate: &Surrogate) -> Result<Option<Speed>> {
     }
     let simulation = simulation.with_rows(project.study.time.grid().len());
     let points = simulation.plan(&project.study).test;
-    let Some(truth) = TrueRuns::make(&simulation, points, project.workers())? else { return Ok(None) };
+    let Some(truth) = TrueRuns::make(&simulation, &points, project.workers())? else { return Ok(None) };
     let speed = truth.compare(surrogate, project.study.source.runs_once())?;
     Ok(speed.filter(|speed| speed.speed_up.is_finite() && speed.speed_up > 0.0))
 }
@@ -101,24 +101,23 @@ fn measure(project: &Project, surrogate: &Surrogate) -> Result<Option<Speed>> {
 struct TrueRuns<'a> {
     simulation: &'a Simulation,
     workers: Workers<'a>,
-    points: Vec<Vec<f64>>,
+    points: Rows,
     runs: Dataset,
 }
 
 impl<'a> TrueRuns<'a> {
     /// Makes the first runs of a plan; none if one fails, or there is none.
-    fn make(simulation: &'a Simulation, mut points: Vec<Vec<f64>>, workers: Workers<'a>) -> Result<Option<Self>> {
-        points.truncate(RUNS);
+    fn make(simulation: &'a Simulation, points: &Rows, workers: Workers<'a>) -> Result<Option<Self>> {
         let (mut source, began) = (TimedRuns::new(simulation, workers)?, Instant::now());
         let mut runs = Vec::new();
-        for point in &points {
+        for point in points.iter().take(RUNS) {
             let Some(run) = source.run(point)? else { return Ok(None) };
             runs.push(Ok(simulation.run_of(point, run.outputs)));
             if began.elapsed() > LONG {
                 break;
             }
         }
-        points.truncate(runs.len());
+        let points = points.part(0..runs.len());
         let is_empty = runs.is_empty();
         let truth = Self { simulation, workers, points, runs: simulation.dataset(runs) };
         Ok((!is_empty).then_some(truth))
@@ -276,7 +275,7 @@ mod tests {
         let study = Study::parse(SYSTEMS[0].study, Path::new("s.toml")).unwrap();
         let simulation = Simulation::new(&study).unwrap();
         let workers = Workers { program: Path::new("none"), stop: &AtomicBool::new(false) };
-        let truth = TrueRuns::make(&simulation, simulation.plan(&study).test, workers).unwrap().unwrap();
+        let truth = TrueRuns::make(&simulation, &simulation.plan(&study).test, workers).unwrap().unwrap();
         assert_eq!(truth.points.len(), RUNS);
         let mut tolerances = Vec::new();
         for error in [1e-9, 1e-6, 1e-3] {

@@ -9,6 +9,7 @@ use crate::{
     source::{Simulation, Source},
     study::Study,
 };
+use metafmu_runtime::Rows;
 use rayon::prelude::*;
 use std::{sync::atomic::Ordering, time::Duration};
 
@@ -45,7 +46,8 @@ pub fn attempt(study: &Study, control: Control<'_>) -> Result<Trial> {
         }
     };
     let points = points(study);
-    let found: Vec<_> = points.par_iter().filter_map(|point| simulation.attempt(point, LIMIT, control.stop)).collect();
+    let attempts = (0..points.len()).into_par_iter();
+    let found: Vec<_> = attempts.filter_map(|run| simulation.attempt(&points[run], LIMIT, control.stop)).collect();
     if control.stop.load(Ordering::Relaxed) {
         return Err(Error::Interrupted);
     }
@@ -60,14 +62,14 @@ pub fn attempt(study: &Study, control: Control<'_>) -> Result<Trial> {
 pub fn reached(study: &Study, mechanism: &Mechanism) -> Option<Vec<[f64; 2]>> {
     let Source::Simulation(simulation) = Source::new(study).ok()? else { return None };
     let points = points(study);
-    let runs: Vec<_> = points.iter().map(|point| (&point[..], simulation.times())).collect();
+    let runs: Vec<_> = points.iter().map(|point| (point, simulation.times())).collect();
     let mut reached = simulation.driven()?.reached(mechanism, &runs).ok()?;
     reached.truncate(study.coordinates().count());
     Some(reached)
 }
 
 /// Parameters of the runs that are tried.
-fn points(study: &Study) -> Vec<Vec<f64>> {
+fn points(study: &Study) -> Rows {
     let Plan { train, test, .. } = Plan::new(study);
-    train.into_iter().take(RUNS / 2).chain(test.into_iter().take(RUNS / 2)).collect()
+    train.iter().take(RUNS / 2).chain(test.iter().take(RUNS / 2)).collect()
 }

@@ -65,7 +65,8 @@ fn with_kinds(study: &Study, driven: Option<&Driven>) -> Option<(Plan, Kinds)> {
     let own = study.calibration_runs();
     let mut plan = Plan::with_calibration(study, own + further.len());
     let mut kinds = HashMap::new();
-    for (point, kind) in plan.calibration[own..].iter_mut().zip(further) {
+    for (run, kind) in (own..plan.calibration.len()).zip(further) {
+        let point = &mut plan.calibration[run];
         if kind.0 == SignalKind::Zero && study.has_states() {
             let first = point.len() - driven.start().len();
             point[first..].copy_from_slice(driven.start());
@@ -109,7 +110,7 @@ mod tests {
     fn calibration_runs_have_zero_input_free_decay_and_both_ends_of_the_range() {
         let (study, simulation) = crane("[bounds]\ncoverage = 0.9\nruns = 30\n");
         let (own, plan) = (Plan::new(&study), simulation.plan(&study));
-        assert_eq!((&plan.train, &plan.test, &plan.calibration[..30]), (&own.train, &own.test, &own.calibration[..]));
+        assert_eq!((&plan.train, &plan.test, plan.calibration.part(0..30)), (&own.train, &own.test, own.calibration));
         // of the same parameters, the run from the source's own start is one; of the others a fifth more than nine
         assert_eq!(plan.calibration.len(), 30 + 1 + 3 * 11);
         let driven = simulation.driven().unwrap();

@@ -51,7 +51,7 @@ pub struct DesignRows {
     /// Position of each input among the columns.
     pub positions: Vec<usize>,
     /// Inputs of each row.
-    pub points: Vec<Vec<f64>>,
+    pub points: Rows,
     /// Outputs of each row; None if these cells are empty.
     pub outputs: Vec<Option<Vec<f64>>>,
 }
@@ -65,7 +65,7 @@ impl DesignRows {
         Self {
             columns: inputs.chain(outputs).collect(),
             positions: (0..study.inputs.len()).collect(),
-            points: Vec::new(),
+            points: Rows::default(),
             outputs: Vec::new(),
         }
     }
@@ -186,7 +186,7 @@ impl StaticRows {
         let mut table = Table::open(&self.path)?;
         let (inputs, outputs) = self.positions.split_at(self.inputs.len());
         let columns = table.columns().to_vec();
-        let mut rows = DesignRows { columns, positions: inputs.to_vec(), points: Vec::new(), outputs: Vec::new() };
+        let mut rows = DesignRows { columns, positions: inputs.to_vec(), points: Rows::default(), outputs: Vec::new() };
         let mut wrong = WrongCells::default();
         while table.next_row()? {
             if stop.load(Ordering::Relaxed) {
@@ -201,13 +201,17 @@ impl StaticRows {
                 for position in positions {
                     match table.number(*position) {
                         Ok(value) => values.push(value),
-                        Err(Error::Table { place, message, .. }) => wrong.add(place, message),
+                        Err(Error::Table { place, message, .. }) => {
+                            wrong.add(place, message);
+                            // all rows have the same width; these are refused below
+                            values.push(f64::NAN);
+                        }
                         Err(error) => return Err(error),
                     }
                 }
                 Ok(values)
             };
-            rows.points.push(numbers(inputs)?);
+            rows.points.push(&numbers(inputs)?);
             rows.outputs.push(if is_planned { None } else { Some(numbers(outputs)?) });
         }
         wrong.refuse(&self.path)?;

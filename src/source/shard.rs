@@ -10,6 +10,7 @@ use super::{
     simulation::{RunOutcome, Simulation},
 };
 use crate::{Error, Result, files, study::Study};
+use metafmu_runtime::Rows;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use std::{
@@ -144,7 +145,7 @@ pub fn merge(
     folder: &Path,
     study: &Study,
     simulation: &Simulation,
-    points: &[Vec<f64>],
+    points: &Rows,
 ) -> Result<(Vec<RunOutcome>, f64)> {
     let mut parts: BTreeMap<Shard, (&Path, Vec<RunOutcome>)> = BTreeMap::new();
     let mut seconds = 0.0;
@@ -181,12 +182,7 @@ pub fn merge(
     Ok((outcomes, seconds))
 }
 
-fn read(
-    path: &Path,
-    study: &Study,
-    simulation: &Simulation,
-    points: &[Vec<f64>],
-) -> Result<(Shard, Vec<RunOutcome>, f64)> {
+fn read(path: &Path, study: &Study, simulation: &Simulation, points: &Rows) -> Result<(Shard, Vec<RunOutcome>, f64)> {
     let stale = |message: &str| Error::Stale { path: path.to_owned(), message: message.into() };
     let damaged = || stale("is damaged: make the shard again");
     let bytes = std::fs::read(path).map_err(Error::io(path, "read"))?;

@@ -20,6 +20,7 @@ use crate::{
     systems::{SYSTEMS, System},
     variable::SourceVariable,
 };
+use metafmu_runtime::Rows;
 use rayon::prelude::*;
 use std::{
     path::Path,
@@ -286,7 +287,7 @@ impl Simulation {
     /// an FMU or a program as [`WorkerModel::run_all`].
     pub fn run_all(
         &self,
-        points: &[Vec<f64>],
+        points: &Rows,
         total: usize,
         journal: &Journal,
         workers: Workers<'_>,
@@ -304,7 +305,7 @@ impl Simulation {
                 model.run_all(points, Some(journal), workers, &allow, done)?
             }
         };
-        let made = |(outcome, point): (RunOutputs, &Vec<f64>)| outcome.map(|outputs| self.run_of(point, outputs));
+        let made = |(outcome, point): (RunOutputs, &[f64])| outcome.map(|outputs| self.run_of(point, outputs));
         Ok(outcomes.into_iter().zip(points).map(made).collect())
     }
 
@@ -313,13 +314,13 @@ impl Simulation {
     fn solve_all(
         &self,
         equations: &SimulatedEquations,
-        points: &[Vec<f64>],
+        points: &Rows,
         total: usize,
         journal: &Journal,
         stop: &AtomicBool,
         done: impl Fn() + Sync,
     ) -> Result<Vec<RunOutputs>> {
-        let solve = |point: &Vec<f64>| {
+        let solve = |point: &[f64]| {
             if let Some(outputs) = journal.get(point) {
                 return Ok(Ok(outputs.to_vec()));
             }
@@ -334,7 +335,7 @@ impl Simulation {
         };
         let (next, failed, halt) = (AtomicUsize::new(0), AtomicUsize::new(0), AtomicBool::new(false));
         let allowed = self.allowed(total);
-        let run = |_: &Vec<f64>| {
+        let run = |_: usize| {
             let index = next.fetch_add(1, Ordering::Relaxed);
             if halt.load(Ordering::Relaxed) {
                 return (index, None);
@@ -351,7 +352,7 @@ impl Simulation {
             done();
             (index, Some(outcome))
         };
-        let mut outcomes: Vec<_> = points.par_iter().map(run).collect();
+        let mut outcomes: Vec<_> = (0..points.len()).into_par_iter().map(run).collect();
         outcomes.sort_unstable_by_key(|(index, _)| *index);
         let outcomes = outcomes.into_iter().filter_map(|(_, outcome)| outcome).collect::<Result<Vec<_>>>()?;
         let mut failures =
@@ -380,7 +381,7 @@ impl Simulation {
     ///
     /// # Errors
     /// [`Error::FailedRuns`].
-    pub fn check_failures(&self, points: &[Vec<f64>], outcomes: &[RunOutcome]) -> Result<()> {
+    pub fn check_failures(&self, points: &Rows, outcomes: &[RunOutcome]) -> Result<()> {
         let failed = points.iter().zip(outcomes).filter_map(|(point, outcome)| Some((point, outcome.as_ref().err()?)));
         let last = failed.clone().next_back();
         last.map_or(Ok(()), |(point, failure)| self.allow(failed.count(), points.len(), point, failure))

@@ -132,18 +132,17 @@ impl WorkerModel {
     /// Those of [`WorkerModel::run_all`]; [`Error::Worker`] if a derivative does not exist at a point, or an FMU has events or depends on the
     /// time.
     pub fn derivatives(&self, points: &Rows, workers: Workers<'_>, done: impl Fn() + Sync) -> Result<Rows> {
-        let (Some(driven), Some(last)) = (&self.driven, points.iter().last()) else { return Ok(Rows::default()) };
+        let (Some(driven), Some(last)) = (&self.driven, points.iter().next_back()) else { return Ok(Rows::default()) };
         let (width, size) = (driven.states().len() + self.outputs + self.masses, self.batch());
         let states = self.study.states.keys().map(|name| format!("the derivative of `{name}`"));
         let masses = (0..self.masses).map(|_| "an element of the mass matrix".to_owned());
         let columns = states.chain(self.columns.iter().cloned()).chain(masses).collect();
         let model = Self { values: size * width, columns, ..self.of_equations() };
-        let mut batches: Vec<Vec<f64>> = points.values().chunks(size * last.len()).map(<[f64]>::to_vec).collect();
         // the last batch is filled up
-        let numbers = size * last.len();
-        if let Some(batch) = batches.last_mut() {
-            batch.extend(last.iter().copied().cycle().take(numbers - batch.len()));
-        }
+        let (numbers, mut values) = (size * last.len(), points.values().to_vec());
+        let missing = values.len().next_multiple_of(numbers) - values.len();
+        values.extend(last.iter().cycle().take(missing));
+        let batches: Rows = values.chunks_exact(numbers).collect();
         let refuse = |_: &[f64], failure: &RunFailure| {
             let message = format!("{}: {failure}", self.name());
             Err(Error::Worker { message })
@@ -203,13 +202,13 @@ impl WorkerModel {
     /// - [`Error::Interrupted`], [`Error::Io`] of the processes.
     pub fn run_all(
         &self,
-        points: &[Vec<f64>],
+        points: &Rows,
         journal: Option<&Journal>,
         workers: Workers<'_>,
         failure: &(dyn Fn(&[f64], &RunFailure) -> Result<()> + Sync),
         done: impl Fn() + Sync,
     ) -> Result<Vec<RunOutputs>> {
-        let kept = |point: &Vec<f64>| Some(journal?.get(point)?.to_vec());
+        let kept = |point: &[f64]| Some(journal?.get(point)?.to_vec());
         let mut outcomes: Vec<Option<RunOutputs>> = points.iter().map(|point| kept(point).map(Ok)).collect();
         let missing: Vec<usize> = (0..points.len()).filter(|&index| outcomes[index].is_none()).collect();
         (missing.len()..points.len()).for_each(|_| done());

@@ -47,6 +47,11 @@ impl Rows {
         RowsIter { rows: self, range: 0..self.count }
     }
 
+    /// Returns true if one of the rows has these numbers.
+    pub fn contains(&self, row: &[f64]) -> bool {
+        self.iter().any(|other| other == row)
+    }
+
     /// Iterator over the numbers of a column.
     pub fn column(&self, column: usize) -> impl Iterator<Item = f64> + Clone {
         self.iter().map(move |row| row[column])
@@ -146,6 +151,12 @@ impl<'a> Iterator for RowsIter<'a> {
 
     fn size_hint(&self) -> (usize, Option<usize>) {
         self.range.size_hint()
+    }
+}
+
+impl DoubleEndedIterator for RowsIter<'_> {
+    fn next_back(&mut self) -> Option<Self::Item> {
+        self.range.next_back().map(|row| &self.rows[row])
     }
 }
 

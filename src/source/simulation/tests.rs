@@ -94,7 +94,7 @@ fn the_studys_tolerance_is_that_of_the_integration() {
 }
 
 /// A slider crank whose rod is too short at some of the points.
-fn short_rods(options: &str) -> (Study, Vec<Vec<f64>>) {
+fn short_rods(options: &str) -> (Study, Rows) {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/mechanisms/slider-crank-study.toml");
     let text = std::fs::read_to_string(&path).unwrap().replacen("[source]", &format!("[source]\n{options}"), 1);
     let study = Study::parse(&text, &path).unwrap();
@@ -150,7 +150,7 @@ fn a_run_that_takes_long_ends_at_the_time_limit_and_when_it_is_stopped() {
         let study = Study::parse(&text, &folder.path().join("s.toml")).unwrap();
         (Simulation::new(&study).unwrap(), study)
     };
-    let points = [vec![0.1, 0.05, 2.0]];
+    let points = Rows::from_iter([[0.1, 0.05, 2.0]]);
     let begin = Instant::now();
     let message = simulation("time_limit = 0.2").0.run(&points[0]).unwrap_err().to_string();
     assert!(message.contains("took longer than 200ms (source.time_limit) and came to t = 0.0"), "{message}");

@@ -9,6 +9,7 @@ use crate::{
         launch::{Launcher, WorkerProcess, WorkerReply},
     },
 };
+use metafmu_runtime::Rows;
 use std::{
     sync::atomic::{AtomicBool, AtomicUsize, Ordering},
     time::Instant,
@@ -24,7 +25,7 @@ const BETWEEN: u32 = 50;
 pub(super) struct Campaign<'a> {
     pub(super) model: &'a WorkerModel,
     pub(super) launcher: &'a dyn Launcher,
-    pub(super) points: &'a [Vec<f64>],
+    pub(super) points: &'a Rows,
     /// Positions of the points to run.
     pub(super) missing: &'a [usize],
     pub(super) failure: &'a (dyn Fn(&[f64], &RunFailure) -> Result<()> + Sync),
