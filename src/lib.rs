@@ -77,9 +77,11 @@ pub use commands::command;
 pub use metafmu_baselines as baselines;
 #[doc(inline)]
 pub use metafmu_core::{
-    acceptance, calibration, compliant, dataset, discrete, dynamics, evaluation, layout, multibody, network,
-    processor_time, refinement, sampling, scaling, study, systems, training,
+    acceptance, calibration, compliant, dataset, discrete, dynamics, evaluation, layout, network, processor_time,
+    refinement, sampling, scaling, study, systems, training,
 };
+#[doc(inline)]
+pub use metafmu_multibody as multibody;
 #[doc(inline)]
 pub use metafmu_numerics::{integrate, worst};
 use metafmu_tables::fail_points;

@@ -52,7 +52,7 @@ pub const TEMPLATES: [Template; 14] = [
 #[cfg(test)]
 mod tests {
     use super::*;
-    use metafmu_core::multibody::Mechanism;
+    use metafmu_multibody::Mechanism;
     use std::path::Path;
 
     #[test]

@@ -1,4 +1,4 @@
-//! Numerics and studies of metafmu: mechanisms, equations of motion, networks and their training, and the options of a
+//! Numerics and studies of metafmu: equations of motion, networks and their training, and the options of a
 //! study.
 //!
 //! Everything here is part of the crate `metafmu` too, whose documentation has the whole way from a study to an FMU.
@@ -14,7 +14,6 @@ pub mod discrete;
 pub mod dynamics;
 pub mod evaluation;
 pub mod layout;
-pub mod multibody;
 pub mod network;
 pub mod processor_time;
 pub mod refinement;
@@ -24,5 +23,6 @@ pub mod study;
 pub mod systems;
 pub mod training;
 
+use metafmu_multibody as multibody;
 use metafmu_numerics::{integrate, worst};
 use metafmu_tables::{Error, Result, diagnostics, files, reading, signal, table, unit, variable};

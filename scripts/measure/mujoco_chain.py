@@ -9,7 +9,7 @@ Usage: .venv/bin/python scripts/measure parts chain --out FOLDER; .venv/bin/pyth
 
 Simulation: `run_mechanism` times itself, without assembly; our simulation with a tolerance of 1e-13 is the reference. Errors are those of all joint angles, in rad.
 MuJoCo's step is divided by the root of 2 from 10 ms.
-Usage: cargo build --release -p metafmu-core --example run_mechanism; .venv/bin/python scripts/measure mujoco-chain --simulation
+Usage: cargo build --release -p metafmu-multibody --example run_mechanism; .venv/bin/python scripts/measure mujoco-chain --simulation
 
 It needs `pip install mujoco`.
 """
@@ -206,7 +206,7 @@ def main():
     arguments = parser.parse_args()
     if arguments.simulation:
         if not arguments.simulation.exists():
-            sys.exit(f"{arguments.simulation} is missing: cargo build --release -p metafmu-core --example run_mechanism")
+            sys.exit(f"{arguments.simulation} is missing: cargo build --release -p metafmu-multibody --example run_mechanism")
         compare_simulation(arguments.simulation)
     else:
         compare_fmu(arguments.out / "out" / "chain" / "chain.fmu")

@@ -1,4 +1,4 @@
-"""Published benchmarks of multibody dynamics in both formulations; Andrews' squeezing mechanism is in core/src/multibody/tests.rs."""
+"""Published benchmarks of multibody dynamics in both formulations; Andrews' squeezing mechanism is in crates/multibody/src/tests.rs."""
 
 import sys
 

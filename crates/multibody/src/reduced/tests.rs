@@ -1,7 +1,8 @@
 use super::*;
 use crate::{
+    Mechanism,
+    formulation::augmented,
     integrate::{Budget, TOLERANCE, integrate},
-    multibody::{Mechanism, formulation::augmented},
     signal::{Signal, SineTerm},
 };
 use nalgebra::Vector2;

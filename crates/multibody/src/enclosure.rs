@@ -327,7 +327,7 @@ fn waves([low, high]: Interval, top: f64) -> Interval {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::multibody::expression::{Expression, Tables};
+    use crate::expression::{Expression, Tables};
     use metafmu_runtime::formula::{Extrapolation, Interpolation};
     use std::sync::Arc;
 

@@ -72,7 +72,7 @@ impl Mechanism {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{integrate::TOLERANCE, multibody::description::JointType};
+    use crate::{description::JointType, integrate::TOLERANCE};
     use std::path::Path;
 
     #[test]
@@ -93,7 +93,7 @@ mod tests {
             for joint in &geometry.joints {
                 let [a, b] = joint.ends.map(|end| {
                     let centre = end.frame.map_or([0.0, 0.0], |body| [q[3 * body], q[3 * body + 1]]);
-                    let turned = crate::multibody::coordinate::turned(end.frame, end.local, &q);
+                    let turned = crate::coordinate::turned(end.frame, end.local, &q);
                     [centre[0] + turned.x, centre[1] + turned.y]
                 });
                 assert!((a[0] - b[0]).hypot(a[1] - b[1]) < 1e-9, "{a:?} {b:?}");

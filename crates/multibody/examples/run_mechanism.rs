@@ -1,11 +1,11 @@
 //! Times runs of a mechanism without the start of a process, and prints the rows of its outputs.
 //!
-//! `cargo run --release -p metafmu-core --example run_mechanism -- FILE TOLERANCE STOP ROWS REPETITIONS`
+//! `cargo run --release -p metafmu-multibody --example run_mechanism -- FILE TOLERANCE STOP ROWS REPETITIONS`
 //!
 //! The first line has the seconds of assembly, the second those of each run from the assembled state, further lines the rows. Parameters have
 //! their defaults, inputs their starts.
 
-use metafmu_core::multibody::{Mechanism, simulate::simulate_from};
+use metafmu_multibody::{Mechanism, simulate::simulate_from};
 use metafmu_numerics::integrate::Budget;
 use std::{env, path::Path, time::Instant};
 

@@ -98,7 +98,7 @@ mod tests {
 
     #[test]
     fn steps_with_held_inputs_are_a_run_with_signals_that_jump() {
-        let path = format!("{}/../examples/dynamics/crane.toml", env!("CARGO_MANIFEST_DIR"));
+        let path = format!("{}/../../examples/dynamics/crane.toml", env!("CARGO_MANIFEST_DIR"));
         let mechanism = Mechanism::load(path.as_ref()).unwrap();
         let values: Vec<f64> = mechanism.parameters().values().map(|parameter| parameter.default).collect();
         let mut stepper = mechanism.stepper(&values, &[0.0], 0.0, 1e-12).unwrap();
@@ -117,7 +117,7 @@ mod tests {
 
     #[test]
     fn the_state_at_the_start_goes_by_the_parameters() {
-        let path = format!("{}/../examples/dynamics/crane.toml", env!("CARGO_MANIFEST_DIR"));
+        let path = format!("{}/../../examples/dynamics/crane.toml", env!("CARGO_MANIFEST_DIR"));
         let mechanism = Mechanism::load(path.as_ref()).unwrap();
         let start = mechanism.state_at_start(&[1.5, 1.0, 0.0, -0.7, 0.2], 0.0).unwrap();
         let value = |name: &str| start.iter().find(|(known, _)| known == name).unwrap().1;

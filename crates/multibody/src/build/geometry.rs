@@ -1,7 +1,7 @@
 //! The points of a mechanism that a picture shows: of links, joints, springs and contacts.
 
 use super::MultibodyBuilder;
-use crate::multibody::{coordinate::BodyPoint, description::Description, description::JointType};
+use crate::{coordinate::BodyPoint, description::Description, description::JointType};
 use nalgebra::Vector2;
 
 /// Points of a mechanism with a value for each parameter, as a picture of it needs them.

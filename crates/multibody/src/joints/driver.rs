@@ -1,8 +1,8 @@
 //! The driver: any coordinate of the mechanism follows a function of time, or has a prescribed acceleration, which is
-//! not a constraint of positions ([`Prescribed`](crate::multibody::model::Prescribed)).
+//! not a constraint of positions ([`Prescribed`](crate::model::Prescribed)).
 
 use super::{Coordinate, Measure, Measures};
-use crate::multibody::constraint::{BoundExpression, Target};
+use crate::constraint::{BoundExpression, Target};
 
 /// Holds one coordinate at a motion.
 #[derive(Clone, Debug)]

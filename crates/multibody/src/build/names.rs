@@ -2,12 +2,10 @@
 
 use super::{MultibodyBuilder, contacts::ContactError, forces::bushing_coordinates};
 use crate::{
+    coordinate::{BodyPoint, Coordinate, Frame},
     diagnostics::names::expected_one_of,
-    multibody::{
-        coordinate::{BodyPoint, Coordinate, Frame},
-        joints::{Driver, Measures},
-        measure::Measure,
-    },
+    joints::{Driver, Measures},
+    measure::Measure,
 };
 use nalgebra::Vector2;
 use std::fmt;

@@ -3,6 +3,11 @@
 //! [`Mechanism::load`] reads and checks a [description]; [`Mechanism::simulate`] puts numbers in for its parameters
 //! ([`build`]), closes the loops ([`model::MultibodyModel::initial_state`]), and solves the equations of motion in one of two
 //! [formulations](formulation).
+//!
+//! Everything here is part of the crate `metafmu` too.
+
+// only commands print
+#![warn(clippy::print_stdout, clippy::print_stderr)]
 
 mod bends;
 pub mod build;
@@ -30,6 +35,9 @@ mod stepper;
 mod switches;
 mod tables;
 mod variables;
+
+use metafmu_numerics::integrate;
+use metafmu_tables::{Error, Result, diagnostics, signal, table, unit, variable};
 
 pub use build::{JointGeometry, MechanismGeometry};
 pub use error::{MotionCause, MotionError};

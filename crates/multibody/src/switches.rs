@@ -277,7 +277,7 @@ fn levels_between(levels: Levels, low: f64, high: f64) -> Box<dyn Iterator<Item 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::multibody::expression::{Expression, Tables};
+    use crate::expression::{Expression, Tables};
 
     fn of(text: &str, run: [f64; 2]) -> Vec<f64> {
         let expression = Expression::parse(text).unwrap();

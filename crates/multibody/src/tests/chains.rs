@@ -1,7 +1,7 @@
 //! Mechanisms of many bodies: chains, trees and loops.
 
 use super::{grid, parse, run};
-use crate::multibody::{Mechanism, constraint::Constraints, formulation::augmented, model::Sample};
+use crate::{Mechanism, constraint::Constraints, formulation::augmented, model::Sample};
 use nalgebra::{DMatrix, DVector, Vector3};
 use std::fmt::Write;
 

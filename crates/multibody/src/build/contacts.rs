@@ -1,7 +1,7 @@
 //! Contacts of points and circles with lines.
 
 use super::{MultibodyBuilder, NameError, Scope};
-use crate::multibody::{
+use crate::{
     coordinate::{BodyPoint, Coordinate},
     description::ContactOptions,
     expression::{Expression, ExpressionError},

@@ -1,7 +1,7 @@
 //! Springs, bushings, forces, actuators and stops of a model.
 
 use super::{MultibodyBuilder, NameError, Scope, Torsion};
-use crate::multibody::{
+use crate::{
     constraint::BoundExpression,
     coordinate::{BodyPoint, Coordinate},
     description::StopOptions,
