@@ -7,6 +7,8 @@ one. Re-exports are followed to the module that has the name. Tests may import a
 The types of all crates together, of every module and macro except tests, have different names: a name that two definitions share is printed with both places.
 Types inside functions, and associated types, may have any name.
 
+Kinds of surrogate, the folders of src/kinds/, do not know each other.
+
 C files of the FMU's sources call each other in one direction too. Files that define the same functions are alternatives, each for one kind of model.
 
 Outside of tests nothing looks for words in the message of an error, in Rust and in the Python package: an error has fields for what the program needs.
@@ -25,7 +27,7 @@ from pathlib import Path
 # from the bottom to the top; modules in one line do not know each other
 ORDER = """
 reading
-diagnostics fail_points process unit worst
+diagnostics fail_points parallel process unit worst
 files integrate processor_time signal unpacking variable
 table
 multibody systems
@@ -38,6 +40,8 @@ compliant training evaluation fmi
 acceptance baselines calibration discrete html refinement source swap templates
 search surrogate
 import report
+project
+kinds
 export
 pipeline
 """
@@ -50,6 +54,7 @@ C = ROOT / "fmu-template" / "c"
 FUNCTION_OF_C = re.compile(r"^(?!static\b|typedef\b|#)\w[\w *]*?\b(\w+)\([^;{}]*\)\n\{", re.MULTILINE)
 LEVELS = {module: level for level, line in enumerate(ORDER.split("\n")) for module in line.split()}
 REEXPORTED = {"Error": "diagnostics", "Result": "diagnostics"}
+KINDS = {path.name for path in (ROOT / "src" / "kinds").iterdir() if path.is_dir()} - {"record"}
 PROGRAM = ("main", "cli", "commands")
 TYPE = r"(?:pub(?:\([^)]*\))? )?(?:struct|enum|trait|type|union) (\w+)"
 # formatted code: definitions of a module begin their lines, and so does the last brace of an inner module or macro
@@ -254,6 +259,8 @@ def main():
             if arguments.table:
                 print(f"{name}: {len({module for pair in pairs for module in pair})} modules, {len(pairs)} arrows")
             mistakes += circle_problems(name, pairs)
+            if name == "src/kinds":
+                mistakes += [f"{where}: the kind {a} knows {b}" for (a, b), where in pairs.items() if {a, b} <= KINDS]
     of_c = arrows_of_c()
     mistakes += circle_problems(str(C.relative_to(ROOT)), of_c)
     mistakes.extend(errors_as_text())

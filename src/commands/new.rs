@@ -17,7 +17,7 @@ use metafmu::{
     files,
     multibody::Mechanism,
     pipeline::{
-        project::describe,
+        describe,
         trial::{self, Trial},
     },
     study::{Study, name_problem},

@@ -1,27 +1,28 @@
 //! The whole way from a study to validated FMUs.
 
 use super::{
-    compare, element, evaluate,
-    evaluate::{JudgedAccuracy, Metrics},
+    compare,
+    cost::Cost,
+    evaluate::{self, JudgedAccuracy, Metrics},
     export::{self, ExportPlan, WrittenFmu},
-    project::{Project, SamplesRecord},
-    record::{Cost, TrainingRecord},
-    report, rounds, sample,
+    report, rounds,
+    sample::{self, Samples},
     stages::{BuildStage, Stages},
-    static_map, unseen,
+    training,
 };
 use crate::{
     Error, Result,
     dataset::Dataset,
     diagnostics::interruption::Interruption,
     evaluation::{
-        AcceptanceCheck, Accuracy, Reason, Verdict,
+        AcceptanceCheck, Reason, Verdict,
         comparison::{Comparison, ModelStatus},
     },
     export::validate_apart,
     fmi::Report,
+    kinds::{self, ResultFile, learning::Learning, record::TrainingRecord, unseen::UnseenData},
+    project::{Project, SamplesRecord},
     report::Evaluated,
-    sampling::Sets,
 };
 use metafmu_runtime::Surrogate;
 
@@ -40,6 +41,23 @@ pub struct Built {
     pub interruption: Option<Interruption>,
 }
 
+impl Built {
+    /// Paths of the results, the FMU first.
+    pub fn files(&self, project: &Project) -> Vec<ResultFile> {
+        let kind = kinds::of(&project.study);
+        let fmus = self.fmus.iter().map(|(WrittenFmu { fmu, bytes, version }, _)| {
+            ResultFile::new(fmu.clone(), format!("FMI {version} {}, {} kB", kind.interfaces(), bytes.div_ceil(1000)))
+        });
+        let model = format!("{}, variables: opens with safetensors in Python", kind.model_content());
+        let others = [
+            ResultFile::new(project.model(), model),
+            ResultFile::new(project.report(), "surrogate beside truth: opens in a browser"),
+            ResultFile::new(project.metrics(), kind.metrics_content()),
+        ];
+        fmus.chain(others).chain(kind.files(project, &self.metrics.training)).collect()
+    }
+}
+
 /// Samples, trains, compares, evaluates, exports, validates and reports. To `resume` is to keep the completed stages of
 /// a stopped build of the same study.
 ///
@@ -50,45 +68,53 @@ pub fn build(project: &Project, plan: &ExportPlan, resume: bool) -> Result<Built
     let mut stages = Stages::new(project, plan);
     project.describe_mechanism();
     project.prepare_folder()?;
-    let built = match project.study.is_static() {
-        true => build_of_rows(project, plan, resume, &mut stages),
-        false => build_of_runs(project, plan, resume, &mut stages),
-    };
+    let built = run(project, plan, resume, &mut stages);
     built.map_err(|error| match error {
         Error::Interrupted => Error::Unfinished { interruption: stages.interruption() },
         error => error,
     })
 }
 
-/// [`build`] of a surrogate of runs.
-fn build_of_runs(project: &Project, plan: &ExportPlan, resume: bool, stages: &mut Stages) -> Result<Built> {
-    let kept = if resume { sample::kept(project)? } else { None };
-    let samples = kept.map_or_else(|| sample::stage(project), Ok)?;
-    stages.stage = BuildStage::Training;
-    let (surrogate, training) = rounds::stage(project, &samples.sets.train, &samples.sets.calibration, resume)?;
-    let test = element::test_data(&project.study, &samples.sets.test);
-    let mut evaluated = element::evaluated(project, &surrogate, &test);
-    evaluate::add_residual(project, &surrogate, &samples.sets.test, &mut evaluated.accuracy)?;
-    evaluate::add_calibration(project, &surrogate, &samples.sets.calibration, &mut evaluated.accuracy);
-    evaluate::add_dead_points(project, &mut evaluated.accuracy)?;
-    evaluate::add_source_equations(project, &surrogate, &samples.sets.test, &training, &mut evaluated.accuracy)?;
-    let accuracy = evaluated.accuracy.clone();
+/// The stages of a build.
+fn run(project: &Project, plan: &ExportPlan, resume: bool, stages: &mut Stages) -> Result<Built> {
+    let LearnedWithData { surrogate, training, train_runs, unseen } = learn(project, resume, stages)?;
+    let mut evaluated = unseen.test.evaluated(&surrogate);
+    evaluate::complete(project, &surrogate, &training, &unseen, &mut evaluated.accuracy)?;
     stages.stage = BuildStage::Comparison;
-    let comparison = compare_in_build(project, &surrogate, &accuracy, &training, &samples.sets)?;
+    let comparison = match &train_runs {
+        Some(train) => compare_in_build(project, &evaluated, &training, train)?,
+        // its models were compared while it was learned
+        None => project.load_comparison(&evaluated.accuracy)?,
+    };
     stages.stage = BuildStage::Measurement;
-    let cost = evaluate::measure_cost(project, &surrogate, &samples.sets.test)?;
-    finish(project, plan, (&evaluated, cost), comparison, (&samples.record, &training), stages)
+    let cost = evaluate::measure_cost(project, &surrogate, &unseen.test.runs)?;
+    finish(project, plan, (&evaluated, cost), comparison, (&unseen.record, &training), stages)
 }
 
-/// [`build`] of a static map: its samples are the rows of its table.
-fn build_of_rows(project: &Project, plan: &ExportPlan, resume: bool, stages: &mut Stages) -> Result<Built> {
-    let (surrogate, training) = static_map::stage(project, resume)?;
-    stages.stage = BuildStage::Measurement;
-    let unseen = unseen::load(project, &training)?;
-    let evaluated = unseen.evaluated(&surrogate);
-    let comparison = project.load_comparison(&evaluated.accuracy)?;
-    let cost = evaluate::measure_cost(project, &surrogate, &unseen.test)?;
-    finish(project, plan, (&evaluated, cost), comparison, (&unseen::samples(project, &training), &training), stages)
+/// A surrogate that was learned, and its data.
+struct LearnedWithData {
+    surrogate: Surrogate,
+    training: TrainingRecord,
+    /// The runs that it was learned from; none if it was learned from rows.
+    train_runs: Option<Dataset>,
+    unseen: UnseenData,
+}
+
+/// Samples the source and learns the surrogate.
+fn learn(project: &Project, resume: bool, stages: &mut Stages) -> Result<LearnedWithData> {
+    let kind = kinds::of(&project.study);
+    if let Learning::FromRows(fit) = kind.learning(&project.study) {
+        let (surrogate, training) = training::from_rows(project, fit, resume)?;
+        let unseen = kind.load_unseen(project, &training)?;
+        return Ok(LearnedWithData { surrogate, training, train_runs: None, unseen });
+    }
+    let kept = if resume { sample::kept(project)? } else { None };
+    let Samples { sets, record } = kept.map_or_else(|| sample::stage(project), Ok)?;
+    stages.stage = BuildStage::Training;
+    let (surrogate, training) = rounds::stage(project, &sets.train, &sets.calibration, resume)?;
+    let test = kind.unseen_runs(&project.study, sets.test);
+    let unseen = UnseenData { test, calibration: Some(sets.calibration), record };
+    Ok(LearnedWithData { surrogate, training, train_runs: Some(sets.train), unseen })
 }
 
 /// Writes and validates the results of a surrogate and its accuracy.
@@ -168,16 +194,14 @@ fn shortened(training: &TrainingRecord, comparison: Option<&Comparison>) -> Opti
 /// The network beside the baselines that the study wants in a build.
 fn compare_in_build(
     project: &Project,
-    surrogate: &Surrogate,
-    accuracy: &Accuracy,
+    evaluated: &Evaluated,
     training: &TrainingRecord,
-    sets: &Sets<Dataset>,
+    train: &Dataset,
 ) -> Result<Option<Comparison>> {
-    let kinds = &project.study.baselines.build;
-    // baselines are functions of parameters and time
-    if kinds.is_empty() || project.study.has_memory() || project.study.is_compliant() {
+    let wanted = &project.study.baselines.build;
+    if wanted.is_empty() || kinds::of(&project.study).no_baselines().is_some() {
         return Ok(None);
     }
-    let network = compare::network_row(surrogate, accuracy, training, &sets.test);
-    compare::stage(project, kinds, network, &sets.train, &sets.test).map(Some)
+    let network = compare::network_row(evaluated.surrogate, &evaluated.accuracy, training, evaluated.test);
+    compare::stage(project, wanted, network, train, evaluated.test).map(Some)
 }

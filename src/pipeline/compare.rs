@@ -1,11 +1,5 @@
 //! The network beside simpler models.
 
-use super::{
-    observer::{CountedWork, Event},
-    prepare::baseline_rows,
-    project::Project,
-    record::TrainingRecord,
-};
 use crate::{
     Error, Result,
     baselines::{
@@ -18,7 +12,9 @@ use crate::{
         comparison::{Comparison, ModelRow, ModelStatus, NETWORK},
     },
     files,
+    kinds::{self, prepare::baseline_rows, record::TrainingRecord},
     layout::RowLayout,
+    project::{CountedWork, Event, Project},
     study::Study,
 };
 use metafmu_runtime::{Evaluator, Surrogate};
@@ -61,16 +57,7 @@ pub fn compare(project: &Project, kinds: &[BaselineKind], train: &Dataset, test:
 /// # Errors
 /// [`Error::Study`] of another structure.
 pub fn refuse_others(project: &Project) -> Result<()> {
-    let message = match &project.study {
-        study if study.is_static() => {
-            "`metafmu train` compares the kinds of model of a static map, and `static.model` names the one that is exported"
-        }
-        study if study.has_memory() || study.is_compliant() => {
-            "baselines are functions of parameters and time, expected the structure \"response\""
-        }
-        _ => return Ok(()),
-    };
-    Err(project.study.refusal("structure", message))
+    kinds::of(&project.study).no_baselines().map_or(Ok(()), |message| Err(project.study.refusal("structure", message)))
 }
 
 /// Does the task on stdin and writes its answer to stdout: what a process with the argument [`FIT_BASELINE`] does.

@@ -1,24 +1,19 @@
 //! Compares the surrogate with the unseen test runs.
 
-use super::{
-    element,
-    project::{Project, SamplesRecord},
-    record::{Cost, TrainingRecord},
-    speed, unseen,
-};
+use super::{cost::Cost, speed};
 use crate::{
     Result, calibration,
     dataset::Dataset,
     diagnostics::numbers::{self, counted, is_proper, number, percent, power},
     dynamics::{Assembly, Region},
-    evaluation::comparison::Comparison,
     evaluation::{
         AcceptanceCheck, Accuracy, DomainExit, Horizon, KindCoverage, OutputMetrics, Reason, RollOuts, SourceEquations,
-        TestRows, Verdict, constraint_residual,
+        TestRows, Verdict, comparison::Comparison, constraint_residual,
     },
     files,
+    kinds::{self, record::TrainingRecord, unseen::UnseenData},
+    project::{Project, SamplesRecord},
     source::{OwnRuns, Source, driven::Driven, integrate_own_equations},
-    study::StudyStructure,
 };
 use indexmap::IndexMap;
 use metafmu_runtime::{Output, Surrogate};
@@ -54,38 +49,32 @@ pub struct Metrics {
 /// [`Error::Stale`](crate::Error::Stale) if one of them is missing or of another study, [`Error::Io`](crate::Error::Io).
 pub fn evaluate(project: &Project) -> Result<(Metrics, Verdict)> {
     let (surrogate, training) = (project.load_model()?, project.load_training_record()?);
-    if project.study.is_static() {
-        let unseen = unseen::load(project, &training)?;
-        project.prepare_folder()?;
-        let accuracy = unseen.evaluated(&surrogate).accuracy;
-        let cost = measure_cost(project, &surrogate, &unseen.test)?;
-        let judged = judge_again(project, &surrogate, accuracy, None, &training);
-        return stage(project, &surrogate, (judged, cost), &unseen::samples(project, &training), &training);
-    }
-    let (test, samples) = (project.load_table("test")?, project.load_samples_record()?);
+    let unseen = kinds::of(&project.study).load_unseen(project, &training)?;
     project.prepare_folder()?;
-    let mut accuracy =
-        element::evaluated(project, &surrogate, &element::test_data(&project.study, &test)).accuracy.clone();
-    add_residual(project, &surrogate, &test, &mut accuracy)?;
-    add_calibration(project, &surrogate, &project.load_table("calibration")?, &mut accuracy);
+    let mut accuracy = unseen.test.evaluated(&surrogate).accuracy;
     let comparison = project.load_comparison(&accuracy)?;
-    add_dead_points(project, &mut accuracy)?;
-    add_source_equations(project, &surrogate, &test, &training, &mut accuracy)?;
-    let cost = measure_cost(project, &surrogate, &test)?;
-    let judged = judge_again(project, &surrogate, accuracy, comparison.as_ref(), &training);
-    stage(project, &surrogate, (judged, cost), &samples, &training)
+    complete(project, &surrogate, &training, &unseen, &mut accuracy)?;
+    let cost = measure_cost(project, &surrogate, &unseen.test.runs)?;
+    let validation = project.load_validation(&surrogate);
+    let judged = JudgedAccuracy::new(project, &surrogate, accuracy, comparison.as_ref(), &training, validation);
+    stage(project, &surrogate, (judged, cost), &unseen.record, &training)
 }
 
-/// Judges a surrogate whose FMUs the last build validated.
-fn judge_again(
+/// Completes the accuracy by what is measured with the source.
+pub(super) fn complete(
     project: &Project,
     surrogate: &Surrogate,
-    accuracy: Accuracy,
-    comparison: Option<&Comparison>,
     training: &TrainingRecord,
-) -> JudgedAccuracy {
-    let validation = project.load_validation(surrogate);
-    JudgedAccuracy::new(project, surrogate, accuracy, comparison, training, validation)
+    unseen: &UnseenData,
+    accuracy: &mut Accuracy,
+) -> Result<()> {
+    let test = &unseen.test.runs;
+    add_residual(project, surrogate, test, accuracy)?;
+    if let Some(calibration) = &unseen.calibration {
+        add_calibration(project, surrogate, calibration, accuracy);
+    }
+    add_dead_points(project, accuracy)?;
+    add_source_equations(project, surrogate, test, training, accuracy)
 }
 
 /// Accuracy on the test runs, with the verdict.
@@ -132,7 +121,7 @@ pub(super) fn add_residual(
 const DEAD_POINT_STEPS: [usize; 2] = [64, 30];
 
 /// Adds the dead points of the mechanism at which motions leave the domain.
-pub(super) fn add_dead_points(project: &Project, accuracy: &mut Accuracy) -> Result<()> {
+fn add_dead_points(project: &Project, accuracy: &mut Accuracy) -> Result<()> {
     let (Some(outside), Some(mechanism)) = (&mut accuracy.outside, project.study.mechanism()) else { return Ok(()) };
     let Some(region) = project.source.driven().and_then(Driven::region) else { return Ok(()) };
     let assembly = Assembly::new(mechanism, region).map_err(|message| project.study.refusal("source", message))?;
@@ -170,14 +159,14 @@ fn dead_point(assembly: &Assembly, region: &Region, exit: &DomainExit) -> Option
 }
 
 /// Adds the accuracy relative to the source's own equations, where that to its runs is not good and the source gives equations.
-pub(super) fn add_source_equations(
+fn add_source_equations(
     project: &Project,
     surrogate: &Surrogate,
     test: &Dataset,
     training: &TrainingRecord,
     accuracy: &mut Accuracy,
 ) -> Result<()> {
-    if project.study.structure != StudyStructure::Dynamics {
+    if !kinds::of(&project.study).has_equations() {
         return Ok(());
     }
     let Source::Simulation(simulation) = &project.source else { return Ok(()) };
@@ -199,12 +188,7 @@ pub(super) fn add_source_equations(
 }
 
 /// Adds how error bounds hold for each kind of signal.
-pub(super) fn add_calibration(
-    project: &Project,
-    surrogate: &Surrogate,
-    calibration: &Dataset,
-    accuracy: &mut Accuracy,
-) {
+fn add_calibration(project: &Project, surrogate: &Surrogate, calibration: &Dataset, accuracy: &mut Accuracy) {
     // runs of a table are driven by whatever they are driven by
     if !project.study.source.is_recorded() {
         accuracy.calibration = calibration::coverage(surrogate, calibration);
@@ -213,7 +197,7 @@ pub(super) fn add_calibration(
 
 /// Measures the cost of a step and the speed beside the source's, and warns if that is faster.
 pub(super) fn measure_cost(project: &Project, surrogate: &Surrogate, test: &Dataset) -> Result<Cost> {
-    let cost = speed::cost(project, surrogate, &element::test_data(&project.study, test))?;
+    let cost = speed::cost(project, surrogate, test)?;
     if let Some(warning) = cost.speed.and_then(|speed| speed.warning(surrogate)) {
         project.warn(warning);
     }

@@ -1,6 +1,6 @@
 //! Packages the surrogate, or a baseline, as FMUs.
 
-use super::{compare, element, predict::load_file, prepare::baseline_rows, project::Project, unseen};
+use super::{compare, predict::load_file};
 use crate::{
     Error, Result, acceptance,
     baselines::{self, BaselineKind, Fitted, choose_rows},
@@ -8,6 +8,8 @@ use crate::{
     export::{Binary, Contents, onnx, pack},
     files,
     fmi::{Archive, FmiVersion},
+    kinds::{self, prepare::baseline_rows},
+    project::Project,
     report::{Drawn, Evaluated, Figure, card_figures},
     study::{ExportOptions, FmiChoice, FmuInterface, FmuPort, NameStyle},
     surrogate::{self, with_names},
@@ -128,13 +130,11 @@ pub fn export_network(project: &Project, plan: &ExportPlan) -> Result<Vec<Writte
     });
     let accuracy = accuracy.transpose()?;
     project.prepare_folder()?;
+    let kind = kinds::of(&project.study);
     let figures = match &accuracy {
-        Some(_) if project.study.is_static() => {
-            figures(&unseen::load(project, &project.load_training_record()?)?.evaluated(&surrogate))?
-        }
-        Some(_) if project.table("test").exists() => {
-            let runs = project.load_table("test")?;
-            figures(&element::evaluated(project, &surrogate, &element::test_data(&project.study, &runs)))?
+        Some(_) if kind.unseen_table(project).exists() => {
+            let unseen = kind.load_unseen(project, &project.load_training_record()?)?;
+            figures(&unseen.test.evaluated(&surrogate))?
         }
         _ => Vec::new(),
     };

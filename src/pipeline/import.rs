@@ -8,9 +8,9 @@ use crate::{
         names::{listed, out_of_order_problem},
     },
     files,
-    import::interface::ModelInterface,
     import::{
         self, ImportError, Imported,
+        interface::ModelInterface,
         onnx::{self, Described},
         tensors,
     },

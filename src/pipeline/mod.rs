@@ -6,44 +6,34 @@
 
 pub mod build;
 pub mod compare;
-mod corners;
-mod element;
+pub mod cost;
 pub mod evaluate;
 pub mod export;
-pub mod fit;
-mod follower;
 pub mod import;
-mod learn;
 pub mod measured;
-pub mod observer;
-mod parallel;
 pub mod plan;
 pub mod predict;
-mod prepare;
-pub mod project;
-pub mod record;
 pub mod report;
-mod rescue;
 pub mod rounds;
 pub mod sample;
 pub mod search;
-mod solver;
 mod speed;
 pub mod stages;
-pub mod static_map;
 pub mod train;
+mod training;
 pub mod trial;
-mod unseen;
 
 pub use build::{Built, build};
 pub use compare::compare;
 pub use evaluate::evaluate;
-pub use observer::{Control, CountedWork, Event, PipelineObserver, Silent};
 pub use predict::predict;
-pub use project::Project;
 pub use report::report;
 pub use search::search;
 
+pub use crate::kinds::{ResultFile, record, static_map::fit};
+pub use crate::project::{
+    Control, CountedWork, Event, FailedRun, PipelineObserver, Project, SamplesRecord, Silent, describe,
+};
 use crate::{Result, export::serve_worker, fmi::worker};
 
 /// Does the work of a worker process if this process was started as one; after that the program must end. Programs that

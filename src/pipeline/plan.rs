@@ -1,11 +1,12 @@
 //! Next rows of the table of a static map: points in the ranges of its inputs, for the user to run.
 
-use super::observer::{Control, Event};
 use crate::{
     Error, Result,
     baselines::{DesignPlaces, GaussianProcess, StandardizedRows, choose_rows, design_points},
     diagnostics::Problems,
     files,
+    kinds::{self, learning::Learning},
+    project::{Control, Event},
     sampling::{self, Stream},
     scaling::of_columns,
     source::{StaticRows, rows::DesignRows},
@@ -47,7 +48,7 @@ struct Design {
 /// [`Error::Table`] of the table, [`Error::Interrupted`], [`Error::Io`].
 pub fn plan(study: &Path, points: usize, control: Control, to: (&mut dyn Write, &Path)) -> Result<()> {
     let study = Draft::load_without_table(study)?.finish()?;
-    if !study.is_static() {
+    if let Learning::FromRuns(_) = kinds::of(&study).learning(&study) {
         let message = "points are planned for tables without a time, expected \"static\": of other structures, `metafmu sample --dry-run` prints the plan";
         return Err(study.refusal("structure", message));
     }

@@ -9,15 +9,12 @@ mod rows;
 
 pub(super) use rows::{check_sample, partly_measured};
 
-use super::{
-    observer::{Control, CountedWork, Event},
-    project::Project,
-};
 use crate::{
     Error, Result,
     diagnostics::{kinds, names::expected_one_of},
     evaluation::RollOut,
     export::read_surrogate,
+    project::{Control, CountedWork, Event, Project},
     surrogate,
     table::writer::{Block, Format, Labels, Values, Writer},
     variable::DefaultValue,

@@ -1,21 +1,16 @@
 //! The report: the surrogate and the truth on one page.
 
-use super::{
-    compare::seconds_per_row,
-    element, evaluate,
-    project::{Project, SamplesRecord},
-    record::{MethodRecord, TrainingRecord},
-    unseen,
-};
+use super::{compare::seconds_per_row, evaluate};
 use crate::{
     Error, Result,
-    diagnostics::numbers::counted,
     evaluation::OutsideRows,
     files,
+    kinds::{self, Fact, record::TrainingRecord},
+    project::{Project, SamplesRecord},
     report::{Beside, Evaluated, Material, page},
     sampling::Plan,
     source::Source,
-    study::{Method, Study, TimeStructure},
+    study::{Study, TimeStructure},
     training::read_history,
 };
 use metafmu_runtime::Surrogate;
@@ -51,44 +46,21 @@ pub struct BesideStudy<'a> {
 /// [`Error::Stale`] if something is missing or does not belong together, [`Error::Io`].
 pub fn report(project: &Project, beside: Option<BesideStudy>, plots: Option<&Path>) -> Result<WrittenReport> {
     let (surrogate, training) = (project.load_model()?, project.load_training_record()?);
-    if project.study.is_static() {
-        return of_rows(project, &surrogate, &training, beside, plots);
-    }
-    if beside.is_some() && project.study.is_compliant() {
-        let message = "compliant elements are measured on rows: the report shows one study, without --beside";
+    let kind = kinds::of(&project.study);
+    if let (Some(_), Some(message)) = (beside, kind.no_other_beside()) {
         return Err(project.study.refusal("structure", message));
     }
     let other = beside.map(|beside| Other::load(project, beside)).transpose()?;
-    let (test, samples) = (project.load_table("test")?, project.load_samples_record()?);
+    let unseen = kind.load_unseen(project, &training)?;
     project.prepare_folder()?;
     plots.map_or(Ok(()), files::writable_folder)?;
-    let test = element::test_data(&project.study, &test);
-    let mut evaluated = element::evaluated(project, &surrogate, &test);
-    evaluate::add_residual(project, &surrogate, &test, &mut evaluated.accuracy)?;
+    let mut evaluated = unseen.test.evaluated(&surrogate);
+    evaluate::add_residual(project, &surrogate, &unseen.test.runs, &mut evaluated.accuracy)?;
     if let Some(measured) = project.load_accuracy(&surrogate)? {
         evaluated.accuracy.outside = measured.outside;
         evaluated.accuracy.source_equations = measured.source_equations;
     }
-    stage(project, &evaluated, &samples, &training, other.as_ref(), plots)
-}
-
-/// [`report`] of a static map.
-fn of_rows(
-    project: &Project,
-    surrogate: &Surrogate,
-    training: &TrainingRecord,
-    beside: Option<BesideStudy>,
-    plots: Option<&Path>,
-) -> Result<WrittenReport> {
-    if beside.is_some() {
-        let message = "each static map is measured on other rows: the report shows one study, without --beside";
-        return Err(project.study.refusal("structure", message));
-    }
-    let unseen = unseen::load(project, training)?;
-    project.prepare_folder()?;
-    plots.map_or(Ok(()), files::writable_folder)?;
-    let samples = unseen::samples(project, training);
-    stage(project, &unseen.evaluated(surrogate), &samples, training, None, plots)
+    stage(project, &evaluated, &unseen.record, &training, other.as_ref(), plots)
 }
 
 /// Writes `report.html`, and on request its plots.
@@ -107,7 +79,9 @@ pub(super) fn stage(
     let validation = project.load_validation(evaluated.surrogate);
     let verdict = project.judge(evaluated.surrogate, training, &evaluated.accuracy, comparison.as_ref(), validation);
     let points = project.source.points(&project.study);
-    let mut facts = facts(project, samples, training);
+    let kind = kinds::of(&project.study);
+    let facts = kind.facts(project, samples, training);
+    let mut facts: Vec<(String, String)> = facts.into_iter().map(|Fact { name, value }| (name.into(), value)).collect();
     let cost = project.load_cost(evaluated.surrogate).unwrap_or_default();
     let outside = evaluated.accuracy.outside.as_ref().map(OutsideRows::describe);
     facts.extend(outside.map(|text| ("Outside the domain".into(), text)));
@@ -123,6 +97,8 @@ pub(super) fn stage(
         mechanism: worst.and_then(|run| project.source.moving_mechanism(run)),
         step_seconds: cost.seconds_per_step,
         speed_up: cost.speed.map(|speed| speed.speed_up),
+        no_speed: kind.no_speed(&project.study).unwrap_or("its source could not be timed"),
+        subject: kind.subject(),
         history: &history,
         facts: &facts,
         comparison: comparison.as_ref(),
@@ -136,80 +112,6 @@ pub(super) fn stage(
         }
     }
     Ok(WrittenReport { report: project.report(), bytes: page.len(), figures: figures.len() })
-}
-
-/// Origin of the data and the network.
-fn facts(project: &Project, samples: &SamplesRecord, training: &TrainingRecord) -> Vec<(String, String)> {
-    let study = &project.study;
-    let source = match (&study.source.system, study.mechanism()) {
-        (Some(system), _) => format!("built-in system {system}"),
-        (None, Some(_)) => "mechanism".into(),
-        (None, None) if study.source.fmu.is_some() => "FMU".into(),
-        (None, None) if study.source.command.is_some() => "program".into(),
-        (None, None) if study.is_static() => "table of rows".into(),
-        (None, None) => "recorded runs".into(),
-    };
-    let method = match study.sampling.method {
-        Some(Method::Mesh) => "mesh",
-        Some(Method::Random) => "random",
-        Some(Method::LatinHypercube) => "latin hypercube",
-        Some(Method::Sobol) => "Sobol sequence",
-        Some(Method::Halton) => "Halton sequence",
-        Some(Method::List) => "list of points",
-        None if study.has_states() && !study.source.is_recorded() => "random starts, parameters and inputs",
-        None if !study.source.is_recorded() => "random parameters and inputs",
-        None => "as recorded",
-    };
-    let SamplesRecord { train_runs, train_rows, test_runs, test_rows, sample_seconds, .. } = samples;
-    let TrainingRecord {
-        train_rows: rows,
-        validation_runs,
-        epochs,
-        best_epoch,
-        stopped,
-        train_seconds,
-        added_runs,
-        method: by_method,
-        ..
-    } = training;
-    let held_out = counted(*validation_runs, "run");
-    let trained_on = match by_method {
-        None => format!(
-            "{rows} rows, {held_out} held out, {epochs} of {all} epochs ({stopped}), the best is {best_epoch}",
-            all = study.training.epochs
-        ),
-        Some(MethodRecord::Motion(_)) => format!("{rows} configurations, "),
-        Some(MethodRecord::StateSpace(_)) => format!("{rows} states, "),
-        Some(MethodRecord::Trajectories(_)) => format!("{rows} rows, "),
-        Some(MethodRecord::Discrete(_)) => format!("{rows} samples, {held_out} held out, "),
-        Some(MethodRecord::StaticMap(_)) => format!("{rows} rows, "),
-        Some(MethodRecord::Compliant(_)) => format!("{rows} rows, {held_out} held out, "),
-    };
-    let how = trained_on + &by_method.as_ref().map_or(String::new(), MethodRecord::describe).replace('\n', "; ");
-    let added =
-        if *added_runs > 0 { format!("; {added_runs} more were added to meet the target") } else { String::new() };
-    if study.is_static() {
-        return [
-            ("Source", source),
-            ("Rows of the table", train_rows.to_string()),
-            ("Unseen rows", test_rows.to_string()),
-            ("Fit", how),
-            ("Fit took", format!("{train_seconds:.1} s")),
-        ]
-        .map(|(name, value)| (name.to_owned(), value))
-        .into();
-    }
-    [
-        ("Source", source),
-        ("Sampling of the training runs", method.to_owned()),
-        ("Training runs", format!("{train_runs}, {}{added}", counted(*train_rows, "row"))),
-        ("Test runs", format!("{test_runs}, {}", counted(*test_rows, "row"))),
-        ("Sampling took", format!("{sample_seconds:.2} s")),
-        ("Training", how),
-        ("Training took", format!("{train_seconds:.1} s")),
-    ]
-    .map(|(name, value)| (name.to_owned(), value))
-    .into()
 }
 
 /// Another study of the same source and its surrogate.

@@ -1,15 +1,14 @@
 //! Trains, and adds runs and trains on, until the study's target is met or its budget ends.
 
-use super::{
-    learn::learned::unless_interrupted, prepare::held_out, project::Project, record::TrainingRecord, rescue, sample,
-    train,
-};
+use super::{sample, training};
 use crate::{
     Error, Result,
     dataset::Dataset,
     diagnostics::numbers::{counted, power},
     evaluation::Accuracy,
     files,
+    kinds::{follower::unless_interrupted, learning::Beginning, prepare::held_out, record::TrainingRecord},
+    project::{Project, rescue},
     refinement::next_points,
     sampling::Plan,
     study::TargetOptions,
@@ -28,7 +27,7 @@ pub fn stage(
     resume: bool,
 ) -> Result<(Surrogate, TrainingRecord)> {
     match &project.study.target {
-        None => train::once(project, dataset, 0, None, Some(calibration), resume),
+        None => training::from_runs(project, dataset, Some(calibration), &Beginning { added: 0, start: None, resume }),
         Some(target) => in_rounds(project, target, dataset, calibration, resume),
     }
 }
@@ -59,7 +58,7 @@ fn in_rounds(
     calibration: &Dataset,
     resume: bool,
 ) -> Result<(Surrogate, TrainingRecord)> {
-    if resume && let Some(finished) = train::finished(project)? {
+    if resume && let Some(finished) = training::finished(project)? {
         return Ok(finished);
     }
     if !resume {
@@ -72,7 +71,8 @@ fn in_rounds(
         let round = project.round(rounds.len());
         round.prepare_folder()?;
         let added = dataset.runs.len() - planned.runs.len();
-        let done = train::once(&round, &dataset, added, start.as_ref(), None, resume);
+        let begin = Beginning { added, start: start.as_ref(), resume };
+        let done = training::from_runs(&round, &dataset, None, &begin);
         let (trained, record) =
             match (unless_interrupted(project, done, start.is_some())?, start.take(), rounds.last_mut()) {
                 (Some(done), ..) => done,
@@ -106,7 +106,7 @@ fn in_rounds(
         dataset.runs.extend(added.runs);
         start = Some(trained);
     };
-    let trained = train::with_bounds(trained, Some(calibration), &project.study)?;
+    let trained = training::with_bounds(trained, Some(calibration), &project.study)?;
     let record = total(&rounds, dataset.runs.len() - planned.runs.len(), target);
     let added = Dataset { runs: dataset.runs.split_off(planned.runs.len()), ..dataset };
     rescue::write(project, |to| {

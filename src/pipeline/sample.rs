@@ -1,15 +1,15 @@
 //! Simulates the training and test runs and writes their tables.
 
-use super::{
-    learn::method,
-    observer::{CountedWork, Event},
-    project::{FailedRun, Project, SamplesRecord},
-};
 use crate::{
     Error, Result,
     dataset::{self, Dataset, Rounding},
     diagnostics::numbers::counted,
     files,
+    kinds::{
+        self,
+        learning::{Learning, LearningMethod},
+    },
+    project::{CountedWork, Event, FailedRun, Project, SamplesRecord},
     sampling::{Plan, Sets},
     scaling,
     source::{
@@ -127,7 +127,7 @@ pub fn stage(project: &Project) -> Result<Samples> {
             let plan = simulation.plan(&project.study);
             let points = all_points(&plan);
             let journal = simulation.journal(&project.journal(), &project.study)?;
-            method(&project.study).check(project)?;
+            method(project)?.check(project)?;
             let outcomes = run_points(project, simulation, &points, points.len(), &journal)?;
             let (sets, failed) = sort(project, simulation, plan, outcomes)?;
             let samples = write(project, sets, failed, start.elapsed().as_secs_f64())?;
@@ -164,7 +164,7 @@ pub fn sample_shard(project: &Project, part: Shard) -> Result<ShardRecord> {
     let all = all_points(&simulation.plan(&project.study));
     let points = all.pick(&part.positions(all.len()).collect::<Vec<_>>());
     let journal = simulation.journal(&project.shard_journal(part), &project.study)?;
-    method(&project.study).check(project)?;
+    method(project)?.check(project)?;
     let outcomes = run_points(project, simulation, &points, all.len(), &journal)?;
     let path = part.file(project.folder());
     let seconds = start.elapsed().as_secs_f64();
@@ -206,7 +206,15 @@ fn simulated<'a>(project: &'a Project) -> Result<&'a Simulation> {
 /// # Errors
 /// [`Error::Study`] of a static map.
 pub fn expect_runs(project: &Project) -> Result<()> {
-    if project.study.is_static() { Err(no_runs(project)) } else { Ok(()) }
+    method(project).map(|_| ())
+}
+
+/// The method that learns from runs.
+pub(super) fn method(project: &Project) -> Result<&'static dyn LearningMethod> {
+    match kinds::of(&project.study).learning(&project.study) {
+        Learning::FromRuns(method) => Ok(method),
+        Learning::FromRows(_) => Err(no_runs(project)),
+    }
 }
 
 /// Rows of a table are not sampled.

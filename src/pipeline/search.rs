@@ -1,13 +1,6 @@
 //! Trains the trials of a study's `[search]` side by side and writes a table and the best study.
 
-use super::{
-    compare,
-    learn::per_instant,
-    observer::{CountedWork, Event},
-    parallel::side_by_side,
-    prepare::{PreparedTraining, baseline_rows_and_held_out, prepare, prepare_instants},
-    project::Project,
-};
+use super::compare;
 use crate::{
     Error, Result,
     baselines::BaselineKind,
@@ -15,7 +8,13 @@ use crate::{
     diagnostics::numbers::power,
     evaluation::comparison::ModelStatus,
     files,
+    kinds::{
+        prepare::{PreparedTraining, baseline_rows_and_held_out, prepare, prepare_instants},
+        response::per_instant,
+    },
     network::Network,
+    parallel::side_by_side,
+    project::{CountedWork, Event, Project},
     sampling::Plan,
     scaling,
     search::{self, rungs, survivors},

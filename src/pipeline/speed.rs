@@ -1,14 +1,13 @@
 //! Speed of a surrogate and of its source: seconds of one core for a simulated second.
 
-use super::{
-    project::Project,
-    record::{Cost, Speed},
-};
+use super::cost::{Cost, Speed};
 use crate::{
     Result,
     dataset::{Dataset, Run},
     evaluation::{first_predicted, predict, predict_all},
     fmi::Workers,
+    kinds,
+    project::Project,
     source::{Simulation, Source, setting::SourceSetting, timed::TimedRuns},
     worst::worst,
 };
@@ -85,9 +84,8 @@ impl Repetition {
 /// # Errors
 /// Those of an FMU or a program that cannot be started, [`Error::Interrupted`](crate::Error::Interrupted).
 fn measure(project: &Project, surrogate: &Surrogate) -> Result<Option<Speed>> {
-    // a compliant element has no run to itself: another component moves it
     let Source::Simulation(simulation) = &project.source else { return Ok(None) };
-    if project.study.is_compliant() {
+    if kinds::of(&project.study).no_speed(&project.study).is_some() {
         return Ok(None);
     }
     let simulation = simulation.with_rows(project.study.time.grid().len());

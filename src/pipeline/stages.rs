@@ -1,7 +1,12 @@
 //! Stages of a build, and the state in which a Ctrl-C ends it.
 
-use super::{export::ExportPlan, project::Project};
-use crate::diagnostics::interruption::Interruption;
+use super::export::ExportPlan;
+use crate::{
+    diagnostics::interruption::Interruption,
+    kinds::{self, learning::Learning},
+    project::Project,
+    study::Study,
+};
 
 /// A stage of a build.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -58,7 +63,7 @@ pub struct Stages<'a> {
 impl<'a> Stages<'a> {
     /// A build that begins.
     pub fn new(project: &'a Project<'a>, plan: &'a ExportPlan) -> Self {
-        let stage = if project.study.is_static() { BuildStage::Training } else { BuildStage::Samples };
+        let stage = if has_runs(&project.study) { BuildStage::Samples } else { BuildStage::Training };
         Self { project, plan, stage }
     }
 
@@ -81,10 +86,8 @@ impl<'a> Stages<'a> {
         let study = &project.study;
         let name = |path: std::path::PathBuf| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let has = move |stage: &BuildStage| match stage {
-            BuildStage::Samples => !study.is_static(),
-            BuildStage::Comparison => {
-                !(study.is_static() || study.has_memory() || study.is_compliant() || study.baselines.build.is_empty())
-            }
+            BuildStage::Samples => has_runs(study),
+            BuildStage::Comparison => !study.baselines.build.is_empty() && kinds::of(study).no_baselines().is_none(),
             _ => true,
         };
         BuildStage::ALL.into_iter().filter(has).flat_map(move |stage| {
@@ -113,4 +116,9 @@ impl<'a> Stages<'a> {
             results.into_iter().map(move |result| (stage, result))
         })
     }
+}
+
+/// Returns true if a build begins with runs.
+fn has_runs(study: &Study) -> bool {
+    matches!(kinds::of(study).learning(study), Learning::FromRuns(_))
 }

@@ -1,9 +1,9 @@
 //! A study tried before it is built: what a build checks before and at the beginning of its sampling, and a few runs.
 
-use super::Control;
 use crate::{
     Error, Result,
     multibody::Mechanism,
+    project::Control,
     sampling::Plan,
     search,
     source::{Simulation, Source},

@@ -60,9 +60,7 @@ fn cost(material: &Material) -> String {
     let source = match material.speed_up {
         Some(times) if times >= 1.0 => format!("<b>{} times</b> as fast as its source", short(times)),
         Some(times) => format!("<b>{} times slower</b> than its source", short(1.0 / times)),
-        None if material.study.is_compliant() => "another component moves it, so no run is compared".into(),
-        None if material.study.source.is_recorded() || is_of_rows => "a table is no source to compare with".into(),
-        None => "its source could not be timed".into(),
+        None => material.no_speed.into(),
     };
     format!("{step}, {source}")
 }

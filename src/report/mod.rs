@@ -47,6 +47,10 @@ pub struct Material<'a> {
     pub step_seconds: Option<f64>,
     /// Speed-up against the source, if that can be run.
     pub speed_up: Option<f64>,
+    /// Reason why there is no speed-up, if there is none.
+    pub no_speed: &'static str,
+    /// The surrogate as the subject of a sentence; none if its program says it.
+    pub subject: Option<&'static str>,
     /// The training, epoch by epoch.
     pub history: &'a [EpochRecord],
     /// Origin of the surrogate: names and values.

@@ -46,6 +46,8 @@ pub fn material<'a>(study: &'a Study, evaluated: &'a Evaluated<'a>, verdict: &'a
         mechanism: None,
         step_seconds: None,
         speed_up: None,
+        no_speed: "its source could not be timed",
+        subject: None,
         history: &[],
         facts: &[],
         comparison: None,

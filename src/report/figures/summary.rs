@@ -14,11 +14,7 @@ use metafmu_runtime::{Clock, Graph, Output, Role, ScaledNetwork, graph::Step};
 pub fn sentence(material: &Material) -> String {
     let (from, _) = sources(material);
     let outputs = material.evaluated.outputs();
-    let is = match material.evaluated.is_of_rows() {
-        true if material.study.is_compliant() => "A compliant element, which creates no energy, gives".into(),
-        true => "A static map gives".into(),
-        false => network(material),
-    };
+    let is = material.subject.map_or_else(|| network(material), |subject| format!("{subject} gives"));
     format!("{is} {} from {from}.", counted(outputs, "output"))
 }
 
