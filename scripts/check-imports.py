@@ -7,7 +7,7 @@ one. Re-exports are followed to the module that has the name. Tests may import a
 The types of all crates together, of every module and macro except tests, have different names: a name that two definitions share is printed with both places.
 Types inside functions, and associated types, may have any name.
 
-Kinds of surrogate, the folders of src/kinds/, do not know each other.
+Kinds of surrogate, in src/kinds/ and core/src/study/kinds/, do not know each other.
 
 C files of the FMU's sources call each other in one direction too. Files that define the same functions are alternatives, each for one kind of model.
 
@@ -259,7 +259,7 @@ def main():
             if arguments.table:
                 print(f"{name}: {len({module for pair in pairs for module in pair})} modules, {len(pairs)} arrows")
             mistakes += circle_problems(name, pairs)
-            if name == "src/kinds":
+            if name in ("src/kinds", "core/src/study/kinds"):
                 mistakes += [f"{where}: the kind {a} knows {b}" for (a, b), where in pairs.items() if {a, b} <= KINDS]
     of_c = arrows_of_c()
     mistakes += circle_problems(str(C.relative_to(ROOT)), of_c)

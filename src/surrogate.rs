@@ -199,7 +199,7 @@ fn metadata(study: &Study, dataset: &Dataset, train_rows: usize) -> Metadata {
         let middle = || 0.5 * (range.min + range.max);
         Input {
             name: variable.name.clone(),
-            role: role(range, study.has_memory()),
+            role: role(range, study.runs().have_memory),
             unit: variable.unit.clone(),
             description: variable.description.clone(),
             min: range.min,

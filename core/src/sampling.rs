@@ -81,7 +81,7 @@ impl Plan {
         let (count, runs) = (parameters.len(), study.sampling.runs.unwrap_or(0));
         let (mut generator, faces) = (random(study.seed, Stream::Train), study.faces());
         let train = match study.sampling.method {
-            None if study.has_memory() => {
+            None if study.runs().have_memory => {
                 place(&parameters, 0.0, uniform(count, generator)).take(study.train_runs() as usize).collect()
             }
             None => Rows::default(),

@@ -38,7 +38,7 @@ pub fn kinds(study: &Study, driven: Option<&Driven>) -> Kinds {
 
 /// None if all runs have signals of the study.
 fn with_kinds(study: &Study, driven: Option<&Driven>) -> Option<(Plan, Kinds)> {
-    let driven = driven.filter(|driven| study.has_memory() && !driven.drivers().is_empty())?;
+    let driven = driven.filter(|driven| study.runs().have_memory && !driven.drivers().is_empty())?;
     let BoundsOptions { coverage, .. } = study.bounds?;
     let varies = |options: &ParameterOptions| options.min < options.max || options.values.len() > 1;
     let parameters_vary = study.parameters.values().any(varies);
@@ -48,7 +48,7 @@ fn with_kinds(study: &Study, driven: Option<&Driven>) -> Option<(Plan, Kinds)> {
         let differ = match kind {
             SignalKind::Zero => parameters_vary,
             // signals come before the decay where starts cannot be chosen
-            SignalKind::Decay => parameters_vary || starts_vary || study.is_discrete(),
+            SignalKind::Decay => parameters_vary || starts_vary || study.runs().are_samples,
             SignalKind::Ends => {
                 let corners = 1 << driven.drivers().len().min(MOST_CORNERS);
                 return if parameters_vary || starts_vary { 2 * many } else { corners };
@@ -67,7 +67,7 @@ fn with_kinds(study: &Study, driven: Option<&Driven>) -> Option<(Plan, Kinds)> {
     let mut kinds = HashMap::new();
     for (run, kind) in (own..plan.calibration.len()).zip(further) {
         let point = &mut plan.calibration[run];
-        if kind.0 == SignalKind::Zero && study.has_states() {
+        if kind.0 == SignalKind::Zero && study.runs().start_from_states {
             let first = point.len() - driven.start().len();
             point[first..].copy_from_slice(driven.start());
         }

@@ -22,7 +22,7 @@ use crate::{
     Result,
     dataset::{DatasetColumns, Run},
     diagnostics::{KeyProblem, Problems},
-    study::{Draft, Study, StudyStructure},
+    study::{Draft, Study},
     unit,
     variable::SourceVariable,
 };
@@ -68,7 +68,7 @@ pub fn open(path: &Path) -> Result<(Study, Source)> {
 /// Problems of names in a study that its FMU needs for measured outputs, if it is discrete-time.
 fn names_of_measured(study: &Study) -> Problems {
     let mut problems = Problems::default();
-    if study.structure != StudyStructure::Discrete {
+    if !study.runs().are_samples {
         return problems;
     }
     let of_output =
@@ -97,7 +97,7 @@ impl Source {
     /// [`Error::Study`](crate::Error::Study) with every name the source does not know and every unit that is not the
     /// source's, [`Error::Table`](crate::Error::Table) or [`Error::Io`](crate::Error::Io) if it is a table that cannot be read.
     pub fn new(study: &Study) -> Result<Self> {
-        let source = if study.is_static() {
+        let source = if study.runs().are_rows {
             Self::Rows(Box::new(StaticRows::new(study)?))
         } else if study.source.is_recorded() {
             Self::Recorded(Box::new(Recorded::new(study)?))

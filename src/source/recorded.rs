@@ -133,7 +133,7 @@ impl Recorded {
         let (table, index) = (&study.source.table, &study.source.index);
         let path = study.beside(table.as_ref().or(index.as_ref()).map_or(Path::new(""), |file| file));
         // motions have other columns for what drives them
-        let driven = || study.inputs.iter().filter(|_| study.is_discrete());
+        let driven = || study.inputs.iter().filter(|_| study.runs().are_samples);
         let mut recorded = Self {
             path,
             is_index: index.is_some(),
@@ -152,18 +152,18 @@ impl Recorded {
             options: study.parameters.values().cloned().collect(),
             stop: study.time.stop,
             step: study.time.step,
-            samples: study.is_discrete().then(|| (study.time.step, study.discrete.longest())),
+            samples: study.runs().are_samples.then(|| (study.time.step, study.discrete.longest())),
             test_runs: if study.sampling.test.is_some() { 0 } else { study.sampling.test_runs },
             test: study.sampling.test.as_ref().map(|file| study.beside(file)),
             calibration_runs: study.calibration_runs(),
             seed: study.seed,
-            keeps_outliers: study.source.outliers || !study.is_discrete(),
+            keeps_outliers: study.source.outliers || !study.runs().are_samples,
             is_motion: false,
             motions: None,
         };
         let mut table = Table::open(&recorded.path)?;
         // without states, or of an index, which is said elsewhere, there is nothing to read
-        let is_motion = study.has_states() && !study.states.is_empty() && !recorded.is_index;
+        let is_motion = study.runs().start_from_states && !study.states.is_empty() && !recorded.is_index;
         match recorded.is_index {
             _ if is_motion => recorded.names.find_motions(study, &table)?,
             true => drop(recorded.names.find_in(&table, TableKind::Index)?),

@@ -90,7 +90,7 @@ impl Simulation {
             (SimulationModel::Equations(Box::new(equations)), parameters, outputs)
         };
         let planned = study.planned().map(|(name, _)| name.to_owned()).collect();
-        let (inputs, is_discrete) = (Vec::new(), study.is_discrete());
+        let (inputs, is_discrete) = (Vec::new(), study.runs().are_samples);
         let mut simulation =
             Self { model, parameters, inputs, outputs, planned, is_discrete, times, max_failed, source };
         simulation.inputs = simulation.driven().map_or(Vec::new(), Driven::variables);
@@ -515,7 +515,7 @@ impl SimulatedEquations {
         let (mut parameters, mut outputs) = (Vec::new(), Vec::new());
         let mut problems = equations.resolve_inputs(study, &mut parameters);
         problems.extend(equations.resolve_outputs(study, &mut outputs));
-        if let (true, EquationSolver::Mechanism(mechanism)) = (study.has_states(), &equations.simulator) {
+        if let (true, EquationSolver::Mechanism(mechanism)) = (study.runs().start_from_states, &equations.simulator) {
             match Driven::new(study, mechanism, &equations.quantities, problems.is_empty()) {
                 Ok(driven) => {
                     parameters.extend(driven.starts());

@@ -2,10 +2,9 @@
 //! without effect: a new key does not compile until that is stated.
 
 use super::{
-    BaselineKind, Baselines, BoundsOptions, CompliantOptions, DiscreteOptions, DynamicsOptions, Excitation,
-    ExportOptions, InputOptions, NetworkOptions, OutputOptions, ParameterOptions, ParameterVariability,
-    SamplingOptions, SmallNetworks, SourceOptions, StateOptions, StaticOptions, Study, TargetOptions, TimeOptions,
-    TrainingOptions,
+    BaselineKind, Baselines, BoundsOptions, Excitation, ExportOptions, InputOptions, NetworkOptions, OutputOptions,
+    ParameterOptions, ParameterVariability, SamplingOptions, SourceOptions, StateOptions, Study, TargetOptions,
+    TimeOptions, TrainingOptions,
 };
 use crate::{files, multibody::description::Description};
 use indexmap::IndexMap;
@@ -100,23 +99,9 @@ struct DigestedTraining<'a> {
     target: Option<TargetOptions>,
     #[serde(skip_serializing_if = "Option::is_none")]
     states: Option<usize>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    discrete: Option<DiscreteOptions>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    static_map: Option<DigestedMap>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    compliant: Option<&'a CompliantOptions>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    dynamics: Option<DynamicsOptions>,
+    #[serde(flatten)]
+    kind: IndexMap<&'static str, serde_json::Value>,
     samples: String,
-}
-
-/// A static map in the digest: epochs that are not given follow from the number of rows.
-#[derive(Serialize)]
-struct DigestedMap {
-    options: StaticOptions,
-    has_epochs: bool,
-    small_networks: SmallNetworks,
 }
 
 /// Content of the digest that decides an exported baseline.
@@ -141,7 +126,7 @@ pub(super) fn of_samples(study: &Study) -> String {
         outputs,
         sampling: of_plan(study, sampling),
         calibration_runs: study.calibration_runs(),
-        motion: (study.has_memory() || study.is_static()).then(|| DigestedMotion {
+        motion: (!study.runs().are_planned).then(|| DigestedMotion {
             states: &study.states,
             inputs: study
                 .inputs
@@ -230,7 +215,13 @@ pub(super) fn of_surrogate(study: &Study) -> String {
         export,
         bounds,
         target,
-        dynamics,
+        // the kind has these, if they are of its own
+        dynamics: _,
+        discrete: _,
+        static_map: _,
+        compliant: _,
+        has_epochs: _,
+        small_networks: _,
         // these decide the runs
         seed: _,
         source: _,
@@ -240,23 +231,19 @@ pub(super) fn of_surrogate(study: &Study) -> String {
         states: _,
         inputs: _,
         outputs: _,
-        discrete,
-        static_map,
-        compliant,
         sampling,
         starts: _,
         mechanism: _,
         points: _,
         recordings: _,
         source_files: _,
-        has_epochs,
-        small_networks,
         // these decide nothing about the network
         accept: _,
         baselines: _,
         search: _,
         origin: _,
     } = study;
+    let kind = study.structure.kind();
     // what the FMU says of itself
     let ExportOptions { precision, fmi: _, interface: _, ports: _, names: _, author: _, copyright: _, license: _ } =
         export;
@@ -270,14 +257,7 @@ pub(super) fn of_surrogate(study: &Study) -> String {
         bounds: *bounds,
         target: *target,
         states: sampling.states,
-        discrete: study.is_discrete().then_some(*discrete),
-        static_map: study.is_static().then_some(DigestedMap {
-            options: *static_map,
-            has_epochs: *has_epochs,
-            small_networks: *small_networks,
-        }),
-        compliant: study.is_compliant().then_some(compliant),
-        dynamics: (*dynamics != DynamicsOptions::default()).then_some(*dynamics),
+        kind: kind.section().zip(kind.digested(study)).into_iter().collect(),
         samples: of_samples(study),
     })
 }

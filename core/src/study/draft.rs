@@ -1,8 +1,8 @@
 //! A study on its way from the text: every mistake is found before it is refused.
 
 use super::{
-    NetworkOptions, SCHEMA, SmallNetworks, Study, StudyStructure, TimeOptions, TrainingOptions, discrete, states,
-    static_map,
+    SCHEMA, SmallNetworks, Study, StudyStructure, TimeOptions,
+    kinds::{GivenKeys, states},
 };
 use crate::{
     Error, Result,
@@ -55,42 +55,23 @@ impl Draft {
         let hint = "this is a mechanism, expected a study: `metafmu new NAME --mechanism FILE` writes one";
         origin.refuse_section("bodies", hint)?;
         states::join_names(root.get_mut());
-        let gives = |section: &str, key: &str| {
-            let section = root.get_ref().get(section).and_then(|section| section.get_ref().as_table());
-            section.is_some_and(|section| section.contains_key(key))
-        };
-        let given = [gives("network", "hidden"), gives("training", "clip_norm")];
-        let of_rows = [gives("network", "hidden"), gives("training", "schedule"), gives("training", "batch")];
-        let has_epochs = gives("training", "epochs");
         let (mut problems, mut damaged) = origin.structure(root.get_ref(), &SCHEMA, |_, _| None);
         let is_given = |section: &str| root.get_ref().contains_key(section);
-        let is_static = root.get_ref().get("structure").is_some_and(|name| name.get_ref().as_str() == Some("static"));
-        let refused = if is_static { static_map::refused(is_given) } else { Problems::default() };
-        if !(is_static || is_given("time")) {
+        let structure = root.get_ref().get("structure").and_then(|name| name.get_ref().as_str());
+        let structure = structure.and_then(StudyStructure::named).unwrap_or_default();
+        let refused = structure.kind().refused(&is_given);
+        if !(structure.runs().are_rows || is_given("time")) {
             let message = "`time` is missing".into();
             problems.push(Problem { path: path.to_owned(), line: 1, key: String::new(), message });
             damaged.push("time".into());
         }
         replace(&mut root, &damaged);
-        let has = |section: &str| root.get_ref().contains_key(section);
-        let [has_network, has_training] = ["network", "training"].map(has);
+        let given = given_keys(root.get_ref());
         let mut study: Study = origin.deserialize(root)?;
-        if study.structure == StudyStructure::Dynamics && study.source.is_of_equations() {
-            study.network = if has_network { study.network } else { NetworkOptions::of_equations() };
-            study.training = if has_training { study.training } else { TrainingOptions::of_equations() };
-        }
         study.origin = origin.clone();
-        if study.structure == StudyStructure::Dynamics {
-            study.starts = states::starts(&study);
-        }
-        if study.structure == StudyStructure::Discrete {
-            discrete::set_defaults(&mut study, given);
-        }
-        study.has_epochs = has_epochs;
-        study.small_networks = SmallNetworks::of(of_rows[0], has_training);
-        if is_static {
-            static_map::set_defaults(&mut study, of_rows);
-        }
+        study.has_epochs = given.epochs;
+        study.small_networks = SmallNetworks::of(given.hidden, given.training);
+        study.structure.kind().set_defaults(&mut study, given);
         // what a damaged section says is unknown: the other ones are checked without it
         let is_damaged = |section: &str| damaged.iter().any(|damaged| damaged == section);
         let of_section = |problem: &KeyProblem| problem.key.split('.').next().unwrap_or_default().to_owned();
@@ -165,6 +146,22 @@ pub(super) const PLACEHOLDER: &str = "name = 'study'\nsource = { system = 'none'
                            parameters = { p = { min = 0, max = 1 } }\noutputs = { y = {} }\nsampling = {}\n";
 
 const PLACEHOLDER_TIME: TimeOptions = TimeOptions { stop: 1.0, step: 1.0, margin: 0.0 };
+
+fn given_keys(root: &DeTable<'_>) -> GivenKeys {
+    let gives = |section: &str, key: &str| {
+        let section = root.get(section).and_then(|section| section.get_ref().as_table());
+        section.is_some_and(|section| section.contains_key(key))
+    };
+    GivenKeys {
+        network: root.contains_key("network"),
+        hidden: gives("network", "hidden"),
+        training: root.contains_key("training"),
+        epochs: gives("training", "epochs"),
+        clip_norm: gives("training", "clip_norm"),
+        schedule: gives("training", "schedule"),
+        batch: gives("training", "batch"),
+    }
+}
 
 fn replace(root: &mut Spanned<DeTable<'_>>, sections: &[String]) {
     let placeholder = DeTable::parse(PLACEHOLDER).map(Spanned::into_inner).unwrap_or_default();

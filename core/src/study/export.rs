@@ -83,7 +83,7 @@ impl ExportOptions {
     /// Every mistake in ports and names of a study's FMU, by key within the section.
     pub fn problems_beside(&self, study: &Study) -> Problems {
         let mut problems = Problems::default();
-        for problem in self.port_problems(study.bounds.is_some(), study.is_discrete()) {
+        for problem in self.port_problems(study.bounds.is_some(), study.runs().are_samples) {
             problems.add("ports", problem);
         }
         for problem in self.names.problems(names(study)) {

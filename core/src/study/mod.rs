@@ -62,25 +62,22 @@
 mod accept;
 pub mod baselines;
 mod bounds;
-mod compliant;
 mod digest;
-mod discrete;
 mod draft;
-mod dynamics;
 mod export;
 mod inputs;
+mod kinds;
 mod limits;
 mod network;
 mod outputs;
 mod parameters;
 mod points;
 mod recording;
+mod run_form;
 mod sampling;
 mod search;
 mod size;
 mod source;
-mod states;
-mod static_map;
 mod target;
 mod time;
 mod training;
@@ -96,13 +93,15 @@ use crate::{
 pub use accept::AcceptOptions;
 pub use baselines::{BaselineKind, Baselines};
 pub use bounds::BoundsOptions;
-pub use compliant::{CompliantOptions, MAX_DEGREE};
-pub use discrete::{DiscreteModel, DiscreteOptions};
 pub use draft::Draft;
-pub use dynamics::{DynamicsModel, DynamicsOptions};
 pub use export::{ExportOptions, FmiChoice, FmuInterface, FmuPort, NameStyle};
 use indexmap::IndexMap;
 pub use inputs::{Excitation, InputOptions};
+pub use kinds::{
+    CompliantOptions, DiscreteModel, DiscreteOptions, DynamicsModel, DynamicsOptions, MAX_DEGREE, ModelKind, NETWORK,
+    SmallNetworks, StateOptions, StaticOptions, StudyStructure, is_angle, velocity_name,
+};
+use kinds::{states, static_map};
 pub use limits::{MAX_HALTON_PARAMETERS, MAX_SOBOL_PARAMETERS, MAX_VARIABLES};
 use metafmu_runtime::{Encoder, Encoding};
 pub use network::{NetworkOptions, TimeStructure};
@@ -111,14 +110,13 @@ pub use outputs::check_variable_name;
 pub use parameters::{ParameterOptions, ParameterVariability};
 pub use points::read_value;
 pub use recording::Recording;
+pub use run_form::RunForm;
 pub use sampling::{Method, SamplingOptions};
 use schemars::JsonSchema;
 pub use search::set;
 pub use search::{SearchMethod, SearchOptions, SearchRange, SearchScale, Space};
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 pub use source::{RESULT, SourceOptions};
-pub use states::{StateOptions, is_angle, velocity_name};
-pub use static_map::{ModelKind, NETWORK, SmallNetworks, StaticOptions};
 use std::{
     path::{Path, PathBuf},
     sync::{Arc, LazyLock},
@@ -231,38 +229,6 @@ pub struct Study {
     small_networks: SmallNetworks,
 }
 
-/// Structure of a surrogate.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "lowercase")]
-pub enum StudyStructure {
-    /// Response surrogate: outputs are functions of parameters and time.
-    #[default]
-    Response,
-    /// Equations of motion: derivatives are functions of states, inputs and parameters, learned by their structure from a mechanism.
-    Dynamics,
-    /// Discrete-time model: outputs are functions of past outputs, past inputs and parameters, learned from recorded runs of a component with
-    /// inputs, or from runs of a program or an FMU.
-    Discrete,
-    /// Static map: outputs are functions of inputs, learned from the rows of a table without a time.
-    Static,
-    /// Compliant element: forces are functions of relative positions, velocities and parameters, and create no energy; learned from runs in
-    /// which a flexible part is deformed.
-    Compliant,
-}
-
-impl StudyStructure {
-    /// Returns true if runs are determined by parameters alone, whose values have a sampling plan.
-    pub fn is_planned(self) -> bool {
-        matches!(self, Self::Response | Self::Compliant)
-    }
-}
-
-/// Runs of a mechanism from which the ranges of a motion's outputs and the steps of its solver are known, unless given.
-const MOTION_RUNS: usize = 8;
-
-/// Default number of runs of an FMU or a program from which a discrete-time model is learned.
-const DISCRETE_RUNS: usize = 30;
-
 /// Problem of the name of a study, after which files are named; none if it is valid.
 pub fn name_problem(name: &str) -> Option<String> {
     let is_plain = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
@@ -342,7 +308,8 @@ impl Study {
 
     /// With states, a built-in system is the mechanism that describes it; one of an unknown name is refused elsewhere.
     fn load_system(&mut self, found: &mut Problems) -> bool {
-        let Some(system) = self.source.system.as_deref().and_then(System::of).filter(|_| self.has_states()) else {
+        let Some(system) = self.source.system.as_deref().and_then(System::of).filter(|_| self.runs().start_from_states)
+        else {
             return true;
         };
         match Mechanism::parse(system.mechanism, Path::new(system.name)) {
@@ -378,7 +345,9 @@ impl Study {
 
     /// Takes ranges of states that are not given from the study's table. False if that failed.
     fn load_ranges(&mut self, found: &mut Problems) -> bool {
-        let Some(file) = self.source.table.as_ref().filter(|_| self.has_states() && self.source_files.is_some()) else {
+        let Some(file) =
+            self.source.table.as_ref().filter(|_| self.runs().start_from_states && self.source_files.is_some())
+        else {
             return true;
         };
         let (path, stop) = (self.beside(file), self.sampling.train_stop.unwrap_or(self.time.stop));
@@ -400,7 +369,7 @@ impl Study {
     /// Reads the points of a list. False if that failed.
     fn load_points(&mut self, found: &mut Problems) -> bool {
         // a motion has no method, which is said elsewhere
-        let Some(file) = self.sampling.file.as_ref().filter(|_| !self.has_states()) else { return true };
+        let Some(file) = self.sampling.file.as_ref().filter(|_| !self.runs().start_from_states) else { return true };
         match points::read_points(&self.beside(file), &self.parameters) {
             Ok(points) => {
                 self.points = Some(Arc::new(points));
@@ -518,7 +487,7 @@ impl Study {
         let mut problems = self.name_problems();
         problems.extend(self.source.problems());
         problems.add_section("time", self.time.problems());
-        problems.extend(parameters::problems(&self.parameters, self.structure));
+        problems.extend(parameters::problems(&self.parameters, self.runs()));
         problems.extend(states::problems(self));
         problems.extend(inputs::problems(&self.inputs));
         problems.extend(outputs::problems(&self.outputs));
@@ -526,7 +495,7 @@ impl Study {
         problems.add_section("discrete", self.discrete.problems());
         problems.add_section("compliant", self.compliant.problems());
         problems.add_section("dynamics", self.dynamics.problems());
-        problems.extend(self.sampling.problems(self.structure));
+        problems.extend(self.sampling.problems(self.runs()));
         problems.add_section("network", self.network.problems());
         problems.add_section("training", self.training.problems());
         problems.extend(self.target.map(|target| target.problems()).unwrap_or_default());
@@ -542,16 +511,16 @@ impl Study {
 
     /// Problems of the sections in combination.
     fn problems_beside(&self) -> Problems {
-        if self.is_static() {
-            return static_map::problems_beside(self);
+        let mut problems = self.structure.kind().problems_beside(self);
+        // the kind has said everything of rows, and so has the reader of the file
+        if self.runs().are_rows {
+            return problems;
         }
-        let mut problems = self.source.problems_beside(self);
-        problems.extend(compliant::problems_beside(self));
+        problems.extend(kinds::options_of_others(self));
+        problems.extend(self.source.problems_beside(self));
         problems.add_section("time", self.time.problems_beside(self));
         problems.extend(parameters::problems_beside(self));
-        problems.extend(states::problems_beside(self));
         problems.extend(inputs::problems_beside(self));
-        problems.extend(discrete::problems_beside(self));
         problems.extend(outputs::problems_beside(self));
         problems.extend(self.sampling.problems_beside(self));
         problems.extend(size::problems(self));
@@ -574,7 +543,7 @@ impl Study {
     pub fn planned(&self) -> impl Iterator<Item = (&str, &ParameterOptions)> {
         static NUMBER: ParameterOptions = ParameterOptions::range(0.0, 1.0);
         let sampled = self.sampled().map(|(name, options)| (name.as_str(), options));
-        sampled.chain(self.is_discrete().then_some(("signals", &NUMBER)))
+        sampled.chain(self.runs().are_samples.then_some(("signals", &NUMBER)))
     }
 
     /// The values of the states at the start: of the coordinates, of the velocities, then of actuator states.
@@ -605,7 +574,7 @@ impl Study {
 
     /// Moves the actuator states of a mechanism behind the coordinates, in the order of its file.
     fn order_states(&mut self) {
-        let Some(mechanism) = self.mechanism.as_ref().filter(|_| self.has_states()) else { return };
+        let Some(mechanism) = self.mechanism.as_ref().filter(|_| self.runs().start_from_states) else { return };
         self.states.sort_by_cached_key(|name, _| mechanism.actuator_states().get_index_of(name).map(|index| index + 1));
         self.starts = states::starts(self);
     }
@@ -615,29 +584,9 @@ impl Study {
         self.states.values().any(|state| state.rate_of.is_some())
     }
 
-    /// Returns true if the surrogate has states.
-    pub fn has_states(&self) -> bool {
-        self.structure == StudyStructure::Dynamics
-    }
-
-    /// Returns true if the surrogate is discrete-time.
-    pub fn is_discrete(&self) -> bool {
-        self.structure == StudyStructure::Discrete
-    }
-
-    /// Returns true if outputs follow from the past: from states, or from samples.
-    pub fn has_memory(&self) -> bool {
-        self.has_states() || self.is_discrete()
-    }
-
-    /// Returns true if the surrogate is a function of its inputs alone, learned from the rows of a table.
-    pub fn is_static(&self) -> bool {
-        self.structure == StudyStructure::Static
-    }
-
-    /// Returns true if the surrogate is the force of a flexible part.
-    pub fn is_compliant(&self) -> bool {
-        self.structure == StudyStructure::Compliant
+    /// Form of the runs that the surrogate is learned from.
+    pub fn runs(&self) -> RunForm {
+        self.structure.runs()
     }
 
     /// Training options for a network on a table with this many rows.
@@ -670,8 +619,7 @@ impl Study {
     /// Number of training runs that are simulated, those held out for validation included.
     pub fn train_runs(&self) -> u64 {
         match self.sampling.method {
-            None if self.has_states() => self.sampling.runs.unwrap_or(MOTION_RUNS) as u64,
-            None if self.is_discrete() => self.sampling.runs.unwrap_or(DISCRETE_RUNS) as u64,
+            None => self.sampling.runs.unwrap_or(self.runs().usual_number) as u64,
             Some(Method::Mesh) => {
                 let levels = |parameter: &ParameterOptions| match parameter.values.len() {
                     0 => parameter.levels.or(self.sampling.levels).unwrap_or(0),

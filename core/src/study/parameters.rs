@@ -1,6 +1,6 @@
 //! `[parameters]`: inputs of the surrogate beside the time.
 
-use super::{Method, Study, StudyStructure, outputs::check_variable_name};
+use super::{Method, RunForm, Study, outputs::check_variable_name};
 use crate::{
     diagnostics::{
         Problems,
@@ -199,9 +199,9 @@ fn twice(values: &[f64]) -> Option<f64> {
 }
 
 /// Every mistake in `[parameters]`, by dotted key.
-pub(super) fn problems(parameters: &IndexMap<String, ParameterOptions>, structure: StudyStructure) -> Problems {
+pub(super) fn problems(parameters: &IndexMap<String, ParameterOptions>, form: RunForm) -> Problems {
     let mut problems = Problems::default();
-    let is_motion = !structure.is_planned();
+    let is_motion = !form.are_planned;
     if parameters.is_empty() && !is_motion {
         problems.add("parameters", "no parameter, expected at least one");
     }

@@ -1,6 +1,6 @@
 //! `[sampling]`: where in the parameters' ranges runs are placed.
 
-use super::{MAX_HALTON_PARAMETERS, MAX_SOBOL_PARAMETERS, Study, StudyStructure, limits::MAX_RUNS};
+use super::{MAX_HALTON_PARAMETERS, MAX_SOBOL_PARAMETERS, RunForm, Study, limits::MAX_RUNS};
 use crate::{diagnostics::Problems, table::writer::Format};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -90,7 +90,7 @@ pub enum Method {
 
 impl SamplingOptions {
     /// Every mistake, by dotted key.
-    pub(super) fn problems(&self, structure: StudyStructure) -> Problems {
+    pub(super) fn problems(&self, form: RunForm) -> Problems {
         let Self { method, levels, runs, states, file, faces, test_runs, test, train_stop, tables: _ } = self;
         let mut problems = Problems::default();
         if let Some(stop) = train_stop {
@@ -108,7 +108,7 @@ impl SamplingOptions {
             problems.add("sampling.test_runs", "expected at least 1");
         }
         // others have no method
-        let Some(method) = method.as_ref().filter(|_| structure.is_planned()) else { return problems };
+        let Some(method) = method.as_ref().filter(|_| form.are_planned) else { return problems };
         let (mesh, list) = (*method == Method::Mesh, *method == Method::List);
         problems.expect_absent(!mesh && levels.is_some(), "sampling.levels", "belongs to the method \"mesh\"");
         problems.expect_absent(!list && file.is_some(), "sampling.file", "belongs to the method \"list\"");
@@ -134,16 +134,16 @@ impl SamplingOptions {
     pub(super) fn problems_beside(&self, study: &Study) -> Problems {
         let Self { method, levels, runs, states, file, faces, test, train_stop, .. } = self;
         let mut problems = Problems::default();
-        let is_asked = study.has_states() && !study.source.is_recorded();
+        let is_asked = study.runs().start_from_states && !study.source.is_recorded();
         let message = "belongs to the structure \"dynamics\" of an FMU, a program or a mechanism";
         problems.expect_absent(states.is_some() && !is_asked, "sampling.states", message);
         let message = "belongs to the structure \"dynamics\" of a table";
         problems.expect_absent(
-            train_stop.is_some() && !(study.has_states() && study.source.is_recorded()),
+            train_stop.is_some() && !(study.runs().start_from_states && study.source.is_recorded()),
             "sampling.train_stop",
             message,
         );
-        let is_read = study.source.is_recorded() && !study.has_states();
+        let is_read = study.source.is_recorded() && !study.runs().start_from_states;
         let message = "belongs to recorded runs without states";
         problems.expect_absent(test.is_some() && !is_read, "sampling.test", message);
         let message = "is measured on separate runs: with `sampling.train_stop` every run is learned from";
@@ -161,8 +161,8 @@ impl SamplingOptions {
                 problems
                     .add("sampling", "recorded runs are where they are: expected `test_runs`, `test` or `tables` only");
             }
-        } else if study.has_memory() {
-            let message = match study.has_states() {
+        } else if study.runs().have_memory {
+            let message = match study.runs().start_from_states {
                 true => "belongs to the structure \"response\": a motion is learned from configurations",
                 false => "belongs to the structure \"response\": runs that inputs drive have random parameters",
             };

@@ -203,20 +203,6 @@ impl SourceOptions {
     /// Problems that depend on the other sections.
     pub(super) fn problems_beside(&self, study: &Study) -> Problems {
         let mut problems = Problems::default();
-        if study.has_states() && self.count() == 1 && self.index.is_some() {
-            let message = "the structure \"dynamics\" is learned from a system, a mechanism, an FMU, a program or one table of all runs, \
-                           expected `system`, `mechanism`, `fmu`, `command` or `table`";
-            problems.add("source", message);
-        }
-        if study.is_discrete() && self.count() == 1 && self.is_of_equations() {
-            let message = "the structure \"discrete\" is learned from recorded runs, a program or an FMU, expected \
-                           `table`, `index`, `command` or `fmu`";
-            problems.add("source", message);
-        }
-        if study.has_states() && self.count() == 1 && self.runs_once() {
-            let message = "`{result}`: a program that is started for each run has no equations, expected one that answers requests";
-            problems.add("source.command", message);
-        }
         let Some(step) = self.step.filter(|step| step.is_finite() && *step > 0.0) else { return problems };
         let steps = study.time.stop / step;
         if study.time.step > 0.0 && !divides(step, study.time.step) {

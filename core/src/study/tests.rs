@@ -403,7 +403,7 @@ fn static_study(more: &str) -> Vec<String> {
     let text = if text.contains("inputs") { text } else { text + "\n[inputs]\na = {}\n" };
     match Study::parse(&text, &folder.path().join("study.toml")) {
         Ok(study) => {
-            assert!(study.is_static() && !study.has_memory(), "{text}");
+            assert!(study.runs().are_rows && !study.runs().have_memory, "{text}");
             Vec::new()
         }
         Err(error) => {

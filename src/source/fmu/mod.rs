@@ -57,7 +57,7 @@ impl FmuRuns {
     /// [`Error::Study`] with every name that the FMU does not have, or not for that purpose, and every unit that is not the FMU's; the
     /// errors of an FMU that cannot be read.
     pub(super) fn resolve(study: &Study, path: &Path) -> Result<ResolvedFmu> {
-        let wanted = study.has_states().then_some(InterfaceKind::ModelExchange);
+        let wanted = study.runs().start_from_states.then_some(InterfaceKind::ModelExchange);
         let (description, interface) = describe(path, wanted)?;
         let Resolved { parameters, outputs, mut task, driven } = resolve(study, &description)?;
         let options = &study.source;

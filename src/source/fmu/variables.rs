@@ -58,8 +58,8 @@ pub fn resolve(study: &Study, description: &ModelDescription) -> Result<Resolved
     problems.extend(resolver.constants());
     problems.extend(resolver.outputs());
     let mut driven = None;
-    if study.has_memory() {
-        match if study.has_states() { resolver.with_states() } else { resolver.driven() } {
+    if study.runs().have_memory {
+        match if study.runs().start_from_states { resolver.with_states() } else { resolver.driven() } {
             Ok(found) => driven = Some(found),
             Err(more) => problems.extend(more),
         }

@@ -122,7 +122,7 @@ pub(super) fn differences(description: &ProgramDescription, study: &Study) -> Pr
     }
     let missing: Vec<&str> =
         states.keys().filter(|name| !study.states.contains_key(*name)).map(String::as_str).collect();
-    if study.has_states() && !missing.is_empty() {
+    if study.runs().start_from_states && !missing.is_empty() {
         let message = format!("without {}, expected every state of the program", missing.join(", "));
         comparison.problems.add("states", message);
     }

@@ -89,7 +89,7 @@ impl ProgramRuns {
             problems.extend(once::problems(study, &arguments));
         }
         let mut driven = None;
-        if study.has_memory() {
+        if study.runs().have_memory {
             match Driven::of_states(study, states, inputs.collect()) {
                 Ok(found) => driven = Some(found),
                 Err(more) => problems.extend(more),
@@ -130,7 +130,7 @@ impl ProgramRuns {
     fn request_of_run<'a>(&'a self, values: &'a [f64]) -> Request<'a> {
         let (parameters, rest) = self.parameters(values);
         let (states, signals) = rest.split_at(self.study.states.len());
-        let interpolation = if self.study.is_discrete() { "hold" } else { "linear" };
+        let interpolation = if self.study.runs().are_samples { "hold" } else { "linear" };
         Request::Run {
             parameters,
             times: &self.times,

@@ -1,10 +1,14 @@
 //! `[compliant]`: a flexible part as a force that creates no energy.
 
-use super::{Baselines, NetworkOptions, ParameterVariability, Study, StudyStructure, TrainingOptions};
-use crate::diagnostics::Problems;
+use super::kind::{StudyKind, digested, without_states};
+use crate::{
+    diagnostics::Problems,
+    study::{Baselines, NetworkOptions, ParameterVariability, RunForm, Study, TrainingOptions},
+};
 use metafmu_runtime::Precision;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 use std::collections::HashSet;
 
 /// `[compliant]`: a compliant element, of the structure "compliant". Positions, velocities and forces are outputs of the source, parameters
@@ -40,7 +44,7 @@ const MAX_COORDINATES: usize = 6;
 
 impl CompliantOptions {
     /// Every mistake, by key within the section.
-    pub(super) fn problems(&self) -> Problems {
+    pub(in crate::study) fn problems(&self) -> Problems {
         let Self { positions, velocities, forces, parameters, potential, dissipation } = self;
         let mut problems = Problems::default();
         let count = positions.len();
@@ -80,15 +84,38 @@ impl CompliantOptions {
     }
 }
 
-/// Problems that depend on the other sections.
-pub(super) fn problems_beside(study: &Study) -> Problems {
+/// Forces of a flexible part as functions of relative positions and velocities.
+pub(super) struct CompliantStudy;
+
+impl StudyKind for CompliantStudy {
+    fn runs(&self) -> RunForm {
+        RunForm { are_planned: true, ..RunForm::default() }
+    }
+
+    fn section(&self) -> Option<&'static str> {
+        Some("compliant")
+    }
+
+    fn is_given(&self, study: &Study) -> bool {
+        study.compliant != CompliantOptions::default()
+    }
+
+    fn problems_beside(&self, study: &Study) -> Problems {
+        let mut problems = of_names(study);
+        problems.extend(without_states(study));
+        problems.extend(refused(study));
+        problems
+    }
+
+    fn digested(&self, study: &Study) -> Option<Value> {
+        digested(&study.compliant)
+    }
+}
+
+/// Problems of the names in the section, and of the parameters that it names.
+fn of_names(study: &Study) -> Problems {
     let mut problems = Problems::default();
     let options = &study.compliant;
-    if study.structure != StudyStructure::Compliant {
-        let is_given = *options != CompliantOptions::default();
-        problems.expect_absent(is_given, "compliant", "belongs to the structure \"compliant\"");
-        return problems;
-    }
     if options.positions.is_empty() {
         problems.add("compliant", "no position, expected `positions` and `forces` among the outputs");
     }
@@ -117,7 +144,6 @@ pub(super) fn problems_beside(study: &Study) -> Problems {
         let message = "\"continuous\", expected \"fixed\" or \"tunable\": an element whose parameters move takes energy from what moves them";
         problems.expect_absent(is_driven, format!("parameters.{name}.variability"), message);
     }
-    problems.extend(refused(study));
     problems
 }
 

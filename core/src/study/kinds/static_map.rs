@@ -1,10 +1,14 @@
 //! `[static]`: a static map of the rows of a table, which have no time.
 
-use super::{BaselineKind, BoundsOptions, Study, TimeStructure, inputs, outputs, size};
-use crate::diagnostics::Problems;
+use super::kind::{GivenKeys, StudyKind, digested};
+use crate::{
+    diagnostics::Problems,
+    study::{BaselineKind, BoundsOptions, RunForm, Study, TimeStructure, TrainingOptions, inputs, outputs, size},
+};
 use metafmu_runtime::Precision;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 use std::{borrow::Cow, fmt};
 
 /// `[static]`: the model of the structure "static".
@@ -113,7 +117,7 @@ pub enum SmallNetworks {
 
 impl SmallNetworks {
     /// Choice for a study: `has_hidden` if it has hidden layers, `has_training` if it has options of the training.
-    pub(super) fn of(has_hidden: bool, has_training: bool) -> Self {
+    pub(in crate::study) fn of(has_hidden: bool, has_training: bool) -> Self {
         match (has_training, has_hidden) {
             (true, _) => Self::Never,
             (false, true) => Self::OfGivenSize,
@@ -149,37 +153,71 @@ const REFUSED: [(&str, &str); 10] = [
     ("search", "belongs to runs: the kind of model is chosen by `metafmu train`"),
 ];
 
-/// Sections that a static map has not.
-pub(super) fn refused(has: impl Fn(&str) -> bool) -> Problems {
-    let mut problems = Problems::default();
-    for (section, message) in REFUSED {
-        problems.expect_absent(has(section), section, message);
-    }
-    problems
+/// Options of a static map in the digest of a study: epochs that are not given follow from the number of rows.
+#[derive(Serialize)]
+struct DigestedMap {
+    options: StaticOptions,
+    has_epochs: bool,
+    small_networks: SmallNetworks,
 }
 
-/// Options that have other defaults than those of other structures; `given`: whether the study has hidden layers, a `schedule` and a `batch`.
-pub(super) fn set_defaults(study: &mut Study, [hidden, schedule, batch]: [bool; 3]) {
-    let usual = super::TrainingOptions::of_rows();
-    if !hidden {
-        study.network.hidden = HIDDEN.to_vec();
+/// Outputs as functions of inputs.
+pub(super) struct StaticStudy;
+
+impl StudyKind for StaticStudy {
+    fn runs(&self) -> RunForm {
+        RunForm { are_rows: true, ..RunForm::default() }
     }
-    if !schedule {
-        study.training.schedule = usual.schedule;
+
+    fn section(&self) -> Option<&'static str> {
+        Some("static")
     }
-    if !batch {
-        study.training.batch = usual.batch;
+
+    fn is_given(&self, study: &Study) -> bool {
+        study.static_map != StaticOptions::default()
+    }
+
+    fn problems_beside(&self, study: &Study) -> Problems {
+        let mut problems = of_rows(study);
+        problems.extend(of_model(study));
+        problems
+    }
+
+    fn refused(&self, has: &dyn Fn(&str) -> bool) -> Problems {
+        let mut problems = Problems::default();
+        for (section, message) in REFUSED {
+            problems.expect_absent(has(section), section, message);
+        }
+        problems
+    }
+
+    fn set_defaults(&self, study: &mut Study, given: GivenKeys) {
+        let usual = TrainingOptions::of_rows();
+        if !given.hidden {
+            study.network.hidden = HIDDEN.to_vec();
+        }
+        if !given.schedule {
+            study.training.schedule = usual.schedule;
+        }
+        if !given.batch {
+            study.training.batch = usual.batch;
+        }
+    }
+
+    fn digested(&self, study: &Study) -> Option<Value> {
+        let Study { static_map: options, has_epochs, small_networks, .. } = *study;
+        digested(&DigestedMap { options, has_epochs, small_networks })
     }
 }
 
 /// Default number of epochs of a training on `rows` rows.
-pub(super) fn epochs(rows: usize, batch: usize) -> usize {
+pub(in crate::study) fn epochs(rows: usize, batch: usize) -> usize {
     let steps = rows.div_ceil(batch.max(1)).max(1);
     STEPS.div_ceil(steps).max(FEWEST_EPOCHS)
 }
 
-/// Problems that depend on the other sections.
-pub(super) fn problems_beside(study: &Study) -> Problems {
+/// Problems of the table and its columns.
+fn of_rows(study: &Study) -> Problems {
     let mut problems = Problems::default();
     if study.source.count() == 1 && study.source.table.is_none() {
         problems.add("source", "the structure \"static\" is learned from one table of rows, expected `table`");
@@ -191,6 +229,12 @@ pub(super) fn problems_beside(study: &Study) -> Problems {
     problems.extend(inputs::range_problems(study));
     problems.extend(outputs::problems_beside(study));
     problems.extend(size::problems(study));
+    problems
+}
+
+/// Problems of the model, its training and its FMU.
+fn of_model(study: &Study) -> Problems {
+    let mut problems = Problems::default();
     let columns = [study.inputs.len(), study.outputs.len()];
     problems.extend(study.network.problems_between(columns, 1.0, &study.training));
     problems.add_section("training", study.training.problems_beside(study.outputs.len()));

@@ -1,20 +1,16 @@
 //! `[states]`: the independent coordinates of a surrogate with states.
 
-use super::{
-    Baselines, DynamicsModel, DynamicsOptions, NetworkOptions, ParameterOptions, Study, StudyStructure, TimeStructure,
-    TrainingOptions, outputs::check_variable_name,
-};
 use crate::{
     Result,
     diagnostics::{
         Problems,
-        names::expected_one_of,
         numbers::{exact, from_to},
     },
+    study::{ParameterOptions, Study},
     table::Table,
 };
 use indexmap::IndexMap;
-use metafmu_runtime::{Precision, State};
+use metafmu_runtime::State;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::{borrow::Cow, f64::consts::TAU};
@@ -120,7 +116,7 @@ impl StateOptions {
 
 /// The values of the states at the start of a run, which are sampled like parameters: those of the coordinates, of the velocities, and of
 /// actuator states.
-pub(super) fn starts(study: &Study) -> IndexMap<String, ParameterOptions> {
+pub(in crate::study) fn starts(study: &Study) -> IndexMap<String, ParameterOptions> {
     let range = |name: &str, [min, max]: [f64; 2]| (State::start_name(name), ParameterOptions::range(min, max));
     let own = study.coordinates().map(|(name, state)| range(name, state.start()));
     let of_actuators = study.actuator_states().map(|(name, state)| range(name, state.start()));
@@ -141,7 +137,7 @@ pub(super) fn starts(study: &Study) -> IndexMap<String, ParameterOptions> {
 ///
 /// # Errors
 /// [`Error::Table`](crate::Error::Table) with the missing column, or the line of a value that is not a finite number.
-pub(super) fn complete(
+pub(in crate::study) fn complete(
     states: &mut IndexMap<String, StateOptions>,
     columns: &IndexMap<String, String>,
     stop: f64,
@@ -167,7 +163,7 @@ pub(super) fn complete(
 }
 
 /// Makes names of the dotted keys of `[states]`: `rail.position = { ... }` is `"rail.position" = { ... }`, as it is in a mechanism file.
-pub(super) fn join_names(root: &mut DeTable<'_>) {
+pub(in crate::study) fn join_names(root: &mut DeTable<'_>) {
     let Some(DeValue::Table(states)) = root.get_mut("states").map(Spanned::get_mut) else { return };
     let mut joined = DeTable::new();
     add_joined(std::mem::take(states), "", &mut joined);
@@ -193,7 +189,7 @@ fn add_joined<'a>(table: DeTable<'a>, prefix: &str, joined: &mut DeTable<'a>) {
 }
 
 /// Every mistake in `[states]`, by dotted key.
-pub(super) fn problems(study: &Study) -> Problems {
+pub(in crate::study) fn problems(study: &Study) -> Problems {
     let mut problems = Problems::default();
     let of_table = study.source.is_recorded();
     for (name, StateOptions { min, max, start, velocity, velocity_range, periodic, unit: _, rate_of: _, rate: _ }) in
@@ -229,152 +225,6 @@ pub(super) fn problems(study: &Study) -> Problems {
                 let message = format!("{}, expected a part of the range {}", from_to(*low, *high), from_to(*min, *max));
                 problems.add(format!("{key}.{field}"), message);
             }
-        }
-    }
-    problems
-}
-
-/// Problems that depend on the other sections.
-pub(super) fn problems_beside(study: &Study) -> Problems {
-    let mut problems = Problems::default();
-    let Study { states, inputs, structure, .. } = study;
-    if *structure == StudyStructure::Discrete {
-        return problems;
-    }
-    if structure.is_planned() {
-        let message = "belongs to the structure \"dynamics\"";
-        problems.expect_absent(!states.is_empty(), "states", message);
-        let message = "belongs to the structures \"dynamics\" and \"discrete\"";
-        problems.expect_absent(!inputs.is_empty(), "inputs", message);
-        problems.expect_absent(study.dynamics != DynamicsOptions::default(), "dynamics", message);
-        return problems;
-    }
-    if study.coordinates().next().is_none() {
-        let expected = match (&study.source.fmu, &study.source.command) {
-            (Some(_), _) => "every continuous state of the FMU",
-            (_, Some(_)) => "every state of the program",
-            _ => "a coordinate for each degree of freedom",
-        };
-        let found = if states.is_empty() { "no state" } else { "no coordinate" };
-        problems.add("states", format!("{found}, expected {expected}"));
-    }
-    let (is_run_apart, of_table) = (study.source.is_run_apart(), study.source.is_recorded());
-    for (name, state) in states {
-        let key = format!("states.{name}");
-        let message = "belongs to tables: the source knows the derivatives of its states";
-        problems.expect_absent(state.rate.is_some() && !of_table, format!("{key}.rate"), message);
-        let message = "belongs to `source.command`: the source knows the units of its states";
-        problems.expect_absent(state.unit.is_some() && study.source.command.is_none(), format!("{key}.unit"), message);
-        if of_table {
-            let message = "belongs to sources that are simulated: recorded runs start where they start";
-            problems.expect_absent(state.velocity.is_some(), format!("{key}.velocity"), message);
-            problems.expect_absent(state.velocity_range.is_some(), format!("{key}.velocity_range"), message);
-            problems.expect_absent(state.start.is_some(), format!("{key}.start"), message);
-            check_variable_name(&mut problems, &key, name);
-            check_variable_name(&mut problems, &format!("{key}.rate"), &state.rate_name(name));
-        } else if is_run_apart {
-            let message = "belongs to mechanisms: every state of an FMU or a program has its own range";
-            problems.expect_absent(state.velocity.is_some(), format!("{key}.velocity"), message);
-            problems.expect_absent(state.velocity_range.is_some(), format!("{key}.velocity_range"), message);
-        } else if study.mechanism().is_some_and(|mechanism| mechanism.actuator_states().contains_key(name)) {
-            let message = "belongs to coordinates";
-            problems.expect_absent(state.velocity.is_some(), format!("{key}.velocity"), message);
-            problems.expect_absent(state.velocity_range.is_some(), format!("{key}.velocity_range"), message);
-            problems.expect_absent(state.periodic.is_some(), format!("{key}.periodic"), message);
-        } else if velocity_name(name).is_none() {
-            let expected = "expected `JOINT.angle`, `JOINT.position`, `BODY.angle`, `POINT.x` or `POINT.y`";
-            let known: Vec<&str> =
-                study.mechanism().into_iter().flat_map(|of| of.actuator_states().keys()).map(String::as_str).collect();
-            let known = if known.is_empty() {
-                String::new()
-            } else {
-                format!("; of its states, {}", expected_one_of(name, &known))
-            };
-            problems.add(&key, format!("`{name}` is not a coordinate, {expected}{known}"));
-        } else {
-            let message = "belongs to FMUs and programs: an angle of a mechanism is periodic";
-            problems.expect_absent(state.is_periodic(), format!("{key}.periodic"), message);
-        }
-    }
-    problems.extend(of_rates(study));
-    for name in study.starts.keys().filter(|name| study.parameters.contains_key(*name)) {
-        problems.add(format!("parameters.{name}"), format!("`{name}` is the name of a state's value at the start"));
-    }
-    let has_no_structure = study.source.is_run_apart() && study.dynamics.model == DynamicsModel::Accelerations;
-    let message = "\"accelerations\" belongs to mechanisms: of an FMU or a program nothing else is learned";
-    problems.expect_absent(has_no_structure, "dynamics.model", message);
-    let of_network = "belongs to the structure \"response\"";
-    if of_table {
-        let message = "equations of a table's motions are learned by least squares";
-        problems.expect_absent(study.network != NetworkOptions::default(), "network", message);
-        problems.expect_absent(study.training != TrainingOptions::default(), "training", message);
-        let DynamicsOptions { model, compare, solver_step: _ } = study.dynamics;
-        problems.expect_absent(model != DynamicsModel::default(), "dynamics.model", message);
-        problems.expect_absent(compare, "dynamics.compare", message);
-        problems.extend(duplicates(study));
-    }
-    problems.expect_absent(
-        study.network.structure == TimeStructure::Fixed,
-        "network.structure",
-        "\"fixed\" belongs to the structure \"response\"",
-    );
-    problems.expect_absent(study.target.is_some(), "target", of_network);
-    problems.expect_absent(study.search.is_some(), "search", of_network);
-    problems.expect_absent(study.baselines != Baselines::default(), "baselines", of_network);
-    problems.expect_absent(study.time.margin > 0.0, "time.margin", of_network);
-    let is_single = study.export.precision == Precision::Single;
-    problems.expect_absent(is_single, "export.precision", "\"single\" belongs to networks");
-    problems
-}
-
-/// Every mistake in `rate_of`: coordinates come first, then the rate of each in the same order.
-fn of_rates(study: &Study) -> Problems {
-    let mut problems = Problems::default();
-    if !study.has_mass_matrix() {
-        return problems;
-    }
-    let coordinates: Vec<&str> = study.states.keys().take(study.states.len().div_ceil(2)).map(String::as_str).collect();
-    for (position, (name, state)) in study.states.iter().enumerate() {
-        let key = format!("states.{name}.rate_of");
-        let message = "belongs to `source.command`: other sources have no mass matrix";
-        problems.expect_absent(state.rate_of.is_some() && study.source.command.is_none(), &key, message);
-        let expected = position.checked_sub(coordinates.len()).and_then(|position| coordinates.get(position));
-        let order = "coordinates come first, then the rate of each in the same order";
-        match (state.rate_of.as_deref(), expected) {
-            (found, expected) if found == expected.copied() => {}
-            (Some(found), Some(expected)) => problems.add(key, format!("`{found}`, expected `{expected}`: {order}")),
-            (None, Some(expected)) => problems.add(key, format!("missing, expected `{expected}`: {order}")),
-            (_, None) => problems.add(key, format!("`{name}` is among the coordinates: {order}")),
-        }
-    }
-    if !study.states.len().is_multiple_of(2) {
-        problems.add("states", format!("{} states, expected a rate of each coordinate", study.states.len()));
-    }
-    let (found, expected) =
-        (study.dynamics.model, "expected \"best\", \"dictionary\" or \"dictionary and network\" with `rate_of`");
-    if matches!(found, DynamicsModel::Network | DynamicsModel::Accelerations) {
-        problems.add("dynamics.model", format!("\"{}\", {expected}", found.name().unwrap_or_default()));
-    }
-    problems
-}
-
-/// Columns of a table that are given two meanings. Outputs are states.
-fn duplicates(study: &Study) -> Problems {
-    let mut problems = Problems::default();
-    let mut before: Vec<String> = study.parameters.keys().chain(study.inputs.keys()).cloned().collect();
-    for (name, state) in &study.states {
-        for (key, name) in
-            [(format!("states.{name}"), name.clone()), (format!("states.{name}.rate"), state.rate_name(name))]
-        {
-            if before.contains(&name) {
-                problems.add(
-                    key,
-                    format!(
-                        "`{name}` is another state, a parameter or an input already: names of variables must be unique"
-                    ),
-                );
-            }
-            before.push(name);
         }
     }
     problems

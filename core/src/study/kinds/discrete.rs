@@ -1,10 +1,14 @@
 //! `[discrete]`: discrete-time models of recorded runs, or of runs of an FMU.
 
-use super::{Baselines, NetworkOptions, StaticOptions, Study, StudyStructure, inputs};
-use crate::diagnostics::Problems;
+use super::kind::{GivenKeys, StudyKind, digested};
+use crate::{
+    diagnostics::Problems,
+    study::{Baselines, NetworkOptions, RunForm, Study, inputs},
+};
 use metafmu_runtime::{Precision, State};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
 /// `[discrete]`: discrete-time models of recorded runs, or of runs of an FMU, of the structure "discrete".
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -64,6 +68,8 @@ impl Default for DiscreteOptions {
     }
 }
 
+/// Number of runs of an FMU or a program unless given.
+const RUNS: usize = 30;
 /// Hidden layers unless given: a network that is evaluated at each sample, and has a linear part beside it.
 const HIDDEN: [usize; 2] = [32, 32];
 /// Longest gradients unless given: what goes through many predictions has steep slopes.
@@ -81,7 +87,7 @@ impl DiscreteOptions {
     }
 
     /// Every mistake, by key within the section.
-    pub(super) fn problems(&self) -> Problems {
+    pub(in crate::study) fn problems(&self) -> Problems {
         let Self { history, window, stretch, budget, model: _ } = *self;
         let mut problems = Problems::default();
         for (key, value) in [("history", history), ("window", window), ("stretch", stretch)] {
@@ -97,15 +103,49 @@ impl DiscreteOptions {
     }
 }
 
-/// Problems that depend on the other sections.
-pub(super) fn problems_beside(study: &Study) -> Problems {
+/// Outputs as functions of past outputs, past inputs and parameters.
+pub(super) struct DiscreteStudy;
+
+impl StudyKind for DiscreteStudy {
+    fn runs(&self) -> RunForm {
+        RunForm { have_memory: true, are_samples: true, usual_number: RUNS, ..RunForm::default() }
+    }
+
+    fn section(&self) -> Option<&'static str> {
+        Some("discrete")
+    }
+
+    fn is_given(&self, study: &Study) -> bool {
+        study.discrete != DiscreteOptions::default()
+    }
+
+    fn problems_beside(&self, study: &Study) -> Problems {
+        let mut problems = of_runs(study);
+        problems.extend(refused(study));
+        problems
+    }
+
+    fn set_defaults(&self, study: &mut Study, given: GivenKeys) {
+        if !given.hidden {
+            study.network.hidden = HIDDEN.to_vec();
+        }
+        if !given.clip_norm {
+            study.training.clip_norm = CLIP_NORM;
+        }
+    }
+
+    fn digested(&self, study: &Study) -> Option<Value> {
+        digested(&study.discrete)
+    }
+}
+
+/// Problems of the source, its inputs and its outputs.
+fn of_runs(study: &Study) -> Problems {
     let mut problems = Problems::default();
-    if study.structure != StudyStructure::Discrete {
-        let is_given = study.discrete != DiscreteOptions::default();
-        problems.expect_absent(is_given, "discrete", "belongs to the structure \"discrete\"");
-        let is_given = study.static_map != StaticOptions::default();
-        problems.expect_absent(is_given, "static", "belongs to the structure \"static\"");
-        return problems;
+    if study.source.count() == 1 && study.source.is_of_equations() {
+        let message = "the structure \"discrete\" is learned from recorded runs, a program or an FMU, expected \
+                       `table`, `index`, `command` or `fmu`";
+        problems.add("source", message);
     }
     problems.expect_absent(!study.states.is_empty(), "states", "belongs to the structure \"dynamics\"");
     if study.inputs.is_empty() {
@@ -124,7 +164,6 @@ pub(super) fn problems_beside(study: &Study) -> Problems {
     if study.time.stop < 2.0 * study.time.step {
         problems.add("time.stop", format!("{} s, expected at least two steps", study.time.stop));
     }
-    problems.extend(refused(study));
     problems
 }
 
@@ -150,14 +189,4 @@ fn refused(study: &Study) -> Problems {
     let is_single = study.export.precision == Precision::Single;
     problems.expect_absent(is_single, "export.precision", "\"single\" belongs to networks without feedback");
     problems
-}
-
-/// Options that have other defaults than those of other structures; `given`: whether the hidden layers and the length of gradients are.
-pub(super) fn set_defaults(study: &mut Study, [hidden, clip_norm]: [bool; 2]) {
-    if !hidden {
-        study.network.hidden = HIDDEN.to_vec();
-    }
-    if !clip_norm {
-        study.training.clip_norm = CLIP_NORM;
-    }
 }
