@@ -5,12 +5,12 @@ mod values;
 use crate::templates::TEMPLATES;
 use clap::{
     ArgGroup, Args, ColorChoice, Parser, Subcommand, ValueEnum, ValueHint,
-    builder::{PossibleValue, PossibleValuesParser},
+    builder::{PossibleValue, PossibleValuesParser, TypedValueParser},
 };
 use clap_complete::Shell;
 use metafmu::{
-    baselines::BaselineKind, export::Binary, fmi::worker, source::shard::Shard, systems::SYSTEMS,
-    table::writer::Format, variable::DefaultValue,
+    baselines::BaselineKind, export::Binary, fmi::worker, source::shard::Shard, study::StudyStructure,
+    systems::SYSTEMS, table::writer::Format, variable::DefaultValue,
 };
 use std::{path::PathBuf, time::Duration};
 use values::{duration, name_and_value, share, svg_file, table_file, tolerance, tuple_and_file};
@@ -283,8 +283,8 @@ pub struct NewArgs {
     pub mechanism: Option<PathBuf>,
     /// Structure of the surrogate [default: response; static for a table without a time]
     #[arg(long, value_name = "STRUCTURE")]
-    #[arg(value_parser = PossibleValuesParser::new(structures()))]
-    pub structure: Option<String>,
+    #[arg(value_parser = structures())]
+    pub structure: Option<StudyStructure>,
     /// FMU to sample: FMI 2.0 or 3.0, of any tool
     #[arg(long, value_name = "FILE.fmu", group = "source")]
     pub fmu: Option<PathBuf>,
@@ -317,14 +317,15 @@ fn templates() -> impl Iterator<Item = PossibleValue> {
     TEMPLATES.iter().map(|template| PossibleValue::new(template.name).help(template.about))
 }
 
-fn structures() -> [PossibleValue; 4] {
-    [
+fn structures() -> impl TypedValueParser<Value = StudyStructure> {
+    let names = [
         PossibleValue::new("response").help("Plays back runs: outputs are functions of parameters and time"),
         PossibleValue::new("dynamics")
             .help("Has states and inputs: of a system or mechanism, an FMU for model exchange, or a table of motions"),
         PossibleValue::new("discrete").help("Is discrete-time, driven by inputs of an FMU or by columns of a table"),
         PossibleValue::new("static").help("Has no time: outputs follow from inputs alone, as in the rows of a table"),
-    ]
+    ];
+    PossibleValuesParser::new(names).map(|name| StudyStructure::named(&name).unwrap_or_default())
 }
 
 #[derive(Debug, Args)]

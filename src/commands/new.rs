@@ -20,7 +20,7 @@ use metafmu::{
         describe,
         trial::{self, Trial},
     },
-    study::{Study, name_problem},
+    study::{Study, StudyStructure, name_problem},
     systems::{SYSTEMS, System},
     table::Table,
 };
@@ -51,20 +51,21 @@ pub fn run(args: &NewArgs) -> Result<CommandOutcome> {
         false => (SchemaFiles::default(), [""; 2]),
     };
     let target = &StudyTarget { name, folder, first_line: study_line };
-    let usual = if template.is_some() { "dynamics" } else { RESPONSE };
-    let structure = args.structure.as_deref().unwrap_or(usual);
+    let usual = if template.is_some() { StudyStructure::Dynamics } else { StudyStructure::default() };
+    let structure = args.structure.unwrap_or(usual);
+    let runs = structure.runs();
     let mechanism = match template {
         Some(template) => Some(written(template, mechanism_line, &folder.join(format!("{name}-mechanism.toml")))?),
         None => args.mechanism.clone(),
     };
     let Proposal { text, trial } = match (&mechanism, &args.fmu, &args.table) {
         (None, None, None) if !args.command.is_empty() => command::study(target, &args.command, structure)?.into(),
-        (Some(file), _, _) if structure == "dynamics" => dynamics::of_mechanism(target, file)?,
+        (Some(file), _, _) if runs.start_from_states => dynamics::of_mechanism(target, file)?,
         (Some(file), _, _) => of_mechanism(target, file)?.into(),
-        (None, Some(file), _) if structure == "dynamics" => fmu::study_of_states(target, file)?.into(),
-        (None, Some(file), _) if structure == "discrete" => fmu::study_of_samples(target, file)?.into(),
+        (None, Some(file), _) if runs.start_from_states => fmu::study_of_states(target, file)?.into(),
+        (None, Some(file), _) if runs.are_samples => fmu::study_of_samples(target, file)?.into(),
         (None, Some(file), _) => fmu::study(target, file)?.into(),
-        (None, None, Some(file)) if structure == "static" || rows::has_no_time(file, args)? => {
+        (None, None, Some(file)) if runs.are_rows || rows::has_no_time(file, args)? => {
             let text = rows::study(target, file, args)?;
             // all of its rows were read
             Proposal { text, trial: Some(Ok(Trial::default())) }
@@ -75,12 +76,12 @@ pub fn run(args: &NewArgs) -> Result<CommandOutcome> {
                 Table::open(file)?.mistake_in_header(&format!("--outputs belongs to rows without a time, {expected}"))
             );
         }
-        (None, None, Some(file)) if !args.inputs.is_empty() && structure == RESPONSE => {
+        (None, None, Some(file)) if !args.inputs.is_empty() && runs.are_planned => {
             let expected = "expected --structure discrete or dynamics, or a table without a time";
             let message = format!("--inputs belongs to studies with inputs and rows without a time, {expected}");
             return Err(Table::open(file)?.mistake_in_header(&message));
         }
-        (None, None, Some(file)) if structure == "dynamics" => motions::study(target, file, args)?.into(),
+        (None, None, Some(file)) if runs.start_from_states => motions::study(target, file, args)?.into(),
         (None, None, Some(file)) => table::study(target, file, args)?.into(),
         (None, None, None) => of_system(target, args)?,
     };
@@ -103,15 +104,16 @@ pub fn run(args: &NewArgs) -> Result<CommandOutcome> {
 /// Refuses a structure that a source does not have.
 fn expect_structure(args: &NewArgs) -> Result<()> {
     let has_samples = args.table.is_some() || args.fmu.is_some() || !args.command.is_empty();
-    let expected = match args.structure.as_deref() {
-        Some("static") if args.table.is_none() => "is for tables: expected --table FILE",
-        Some("discrete") if !has_samples => {
-            "is learned from samples: expected --fmu FILE, --table FILE or --command PROGRAM; here it may be response or dynamics"
-        }
-        _ => return Ok(()),
+    let structure = args.structure.unwrap_or_default();
+    let runs = structure.runs();
+    let expected = if runs.are_rows && args.table.is_none() {
+        "is for tables: expected --table FILE"
+    } else if runs.are_samples && !has_samples {
+        "is learned from samples: expected --fmu FILE, --table FILE or --command PROGRAM; here it may be response or dynamics"
+    } else {
+        return Ok(());
     };
-    let structure = args.structure.as_deref().unwrap_or_default();
-    let key = format!("--structure {structure}");
+    let key = format!("--structure {}", structure.name());
     let problem = Problem { path: PathBuf::new(), line: 0, key, message: expected.into() };
     Err(Error::Study { problems: vec![problem] })
 }
@@ -139,9 +141,6 @@ fn written(template: &Template, first_line: &str, path: &Path) -> Result<PathBuf
     print(&format!("{}\n", path.display()))?;
     Ok(path.to_owned())
 }
-
-/// Default structure of sources that have runs.
-const RESPONSE: &str = "response";
 
 /// A study to be written, and the result of its trial, if it was tried.
 struct Proposal {
@@ -195,7 +194,7 @@ impl StudyTarget<'_> {
 fn of_system(target: &StudyTarget, args: &NewArgs) -> Result<Proposal> {
     // the arguments have the name of one
     let system = args.system.as_deref().and_then(System::of).unwrap_or(SYSTEMS[0]);
-    if args.structure.as_deref() == Some("dynamics") {
+    if args.structure.unwrap_or_default().runs().start_from_states {
         return dynamics::of_system(target, system);
     }
     let (known, name) = (system.name, target.name);

@@ -1,12 +1,12 @@
 //! A study of a program, from the program's description of itself.
 
-use super::{DISCRETE, RESPONSE, RUNS, StudyTarget, bandwidth, fmu::short, key, quoted, rest, sampling};
+use super::{DISCRETE, RUNS, StudyTarget, bandwidth, fmu::short, key, quoted, rest, sampling};
 use crate::commands::interrupt;
 use indexmap::IndexMap;
 use metafmu::{
     Error, Result,
     source::program::{ProgramCommand, ProgramDescription, ProgramQuantity, describe},
-    study::RESULT,
+    study::{RESULT, RunForm, StudyStructure},
 };
 use std::{
     fmt::Write,
@@ -23,7 +23,7 @@ const ROWS: f64 = 200.0;
 /// States at which the program evaluates its equations.
 const STATES: usize = 5000;
 
-pub fn study(target: &StudyTarget, command: &[String], structure: &str) -> Result<String> {
+pub fn study(target: &StudyTarget, command: &[String], structure: StudyStructure) -> Result<String> {
     let refuse = |message: String| Error::Stale { path: PathBuf::from(command.join(" ")), message };
     if command.iter().any(|argument| argument.contains(RESULT)) {
         let message = "a program that is started for each run does not describe itself: docs/command-sources.md has a study of one";
@@ -47,12 +47,12 @@ fn of_study(target: &StudyTarget, argument: &str) -> String {
 }
 
 /// Offer of a program for a structure.
-struct ProgramProposal<'a> {
+struct ProgramProposal {
     description: ProgramDescription,
-    structure: &'a str,
+    structure: StudyStructure,
 }
 
-impl ProgramProposal<'_> {
+impl ProgramProposal {
     /// Needs of the structure that the program does not meet.
     fn missing(&self) -> Vec<String> {
         let ProgramDescription { parameters, inputs, states, outputs, .. } = &self.description;
@@ -65,21 +65,20 @@ impl ProgramProposal<'_> {
         if outputs.is_empty() {
             missing.push("the program describes no outputs".to_owned());
         }
-        match self.structure {
-            RESPONSE if parameters.values().all(|parameter| parameter.range().is_none()) => {
-                missing
-                    .push("the program describes no parameter with `min` and `max`: there is nothing to vary".into());
-            }
-            "dynamics" if states.is_empty() => missing.push("the program describes no states".into()),
-            "discrete" if inputs.is_empty() => {
-                missing.push("the program describes no inputs: nothing drives it".into())
-            }
-            _ => {}
+        let runs = self.structure.runs();
+        if runs.are_planned && parameters.values().all(|parameter| parameter.range().is_none()) {
+            missing.push("the program describes no parameter with `min` and `max`: there is nothing to vary".into());
         }
-        if self.structure != RESPONSE {
+        if runs.start_from_states && states.is_empty() {
+            missing.push("the program describes no states".into());
+        }
+        if runs.are_samples && inputs.is_empty() {
+            missing.push("the program describes no inputs: nothing drives it".into());
+        }
+        if runs.have_memory {
             missing.extend(no_range(inputs, "inputs"));
         }
-        if self.structure == "dynamics" {
+        if runs.start_from_states {
             missing.extend(no_range(states, "states"));
         }
         missing
@@ -87,18 +86,19 @@ impl ProgramProposal<'_> {
 
     fn text(&self, name: &str, command: &[String], arguments: &[String]) -> String {
         let ProgramDescription { description, parameters, inputs, states, outputs, stop, step, .. } = &self.description;
-        let structure = self.structure;
+        let (structure, runs) = (self.structure.name(), self.structure.runs());
         let stop = stop.filter(|stop| *stop > 0.0 && stop.is_finite()).unwrap_or(STOP);
         let step = step.filter(|step| *step > 0.0 && *step <= stop).unwrap_or(stop / ROWS);
-        let option = if structure == RESPONSE { String::new() } else { format!(" --structure {structure}") };
-        let of_structure =
-            if structure == RESPONSE { String::new() } else { format!("structure = {}\n", quoted(structure)) };
+        let (option, of_structure) = match self.structure == StudyStructure::default() {
+            true => (String::new(), String::new()),
+            false => (format!(" --structure {structure}"), format!("structure = {}\n", quoted(structure))),
+        };
         let list: Vec<String> = arguments.iter().map(|argument| quoted(argument)).collect();
-        let margin = match structure {
-            RESPONSE => {
+        let margin = match runs.are_planned {
+            true => {
                 "margin = 0.05               # training runs are longer by this share of `stop`; without it, errors are largest at the end\n"
             }
-            _ => "",
+            false => "",
         };
         let mut text = format!(
             "# Made by `metafmu new {name}{option} --command {}`; build it with `metafmu build {name}.toml`.
@@ -128,11 +128,11 @@ step = {step:?}                 # s
                 text += &format!("\n{head}\n{lines}");
             }
         };
-        if structure == "dynamics" {
+        if runs.start_from_states {
             let head = "[states]                    # every state of the program, and the range in which the equations are learned";
             section(head, of_states(states));
         }
-        if structure != RESPONSE {
+        if runs.have_memory {
             let head =
                 "[inputs]                    # `bandwidth` in Hz and kinds of `excitation` of runs; docs/dynamics.md";
             section(head, of_inputs(inputs, bandwidth(stop, step)));
@@ -143,9 +143,9 @@ step = {step:?}                 # s
             outputs.iter().fold(String::new(), |lines, (name, output)| lines + &line(name, &[], output)),
         );
         text.push('\n');
-        text += &match structure {
-            RESPONSE => sampling() + &rest(RUNS, stop / step),
-            "dynamics" => format!(
+        text += &match runs {
+            RunForm { are_planned: true, .. } => sampling() + &rest(RUNS, stop / step),
+            RunForm { start_from_states: true, .. } => format!(
                 "[sampling]\nstates = {STATES}               # at which the program evaluates its equations\ntest_runs = 20              # random \
                  starts, parameters and inputs\n\n{}",
                 rest(STATES, 1.0)

@@ -93,7 +93,7 @@ struct Roles<'a> {
 pub fn study(target: &StudyTarget, file: &Path, args: &NewArgs) -> Result<String> {
     let Survey { time, label, runs, columns } = survey(file, args)?;
     let mut roles = roles(&time, label.as_deref(), &runs, &columns);
-    let is_discrete = args.structure.as_deref() == Some("discrete");
+    let is_discrete = args.structure.unwrap_or_default().runs().are_samples;
     if is_discrete {
         find_inputs(file, args, &mut roles)?;
     }
@@ -126,7 +126,7 @@ pub(super) fn survey(file: &Path, args: &NewArgs) -> Result<Survey> {
     let positions: Vec<usize> = (0..titles.len()).filter(|&index| index != time && Some(index) != label).collect();
     let mut columns = named(&table, &positions);
     let advised: fn(Error) -> Error =
-        if args.structure.as_deref() == Some("discrete") { at_gap } else { |error| error };
+        if args.structure.unwrap_or_default().runs().are_samples { at_gap } else { |error| error };
     let runs = read(&mut table, (time, label), &positions, &mut columns, advised)?;
     let label = label.map(|label| titles[label].clone());
     Ok(Survey { time: titles[time].clone(), label, runs, columns })

@@ -41,12 +41,13 @@ pub enum StudyStructure {
 impl StudyStructure {
     const ALL: [Self; 5] = [Self::Response, Self::Dynamics, Self::Discrete, Self::Static, Self::Compliant];
 
-    /// The structure that a study file names.
-    pub(super) fn named(name: &str) -> Option<Self> {
+    /// The structure of this name.
+    pub fn named(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|structure| structure.name() == name)
     }
 
-    fn name(self) -> &'static str {
+    /// Its name in a study file.
+    pub fn name(self) -> &'static str {
         match self {
             Self::Response => "response",
             Self::Dynamics => "dynamics",
