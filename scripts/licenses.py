@@ -1,7 +1,7 @@
 """Writes the license texts that go with wheels, archives and FMUs: of every package that is compiled into them, and of Rust's standard library.
 
 - python/licenses/: our own licenses, and THIRD-PARTY.txt with the packages of the command and the Python extension
-- src/export/assets/third-party.txt: the packages of the FMU's library, which `metafmu` puts into every FMU
+- crates/export/src/export/assets/third-party.txt: the packages of the FMU's library, which `metafmu` puts into every FMU
 
 The files are in the repository, as `maturin build` and `cargo build` take them from there. tests/python/test_licenses.py notices when they lack a package.
 
@@ -19,7 +19,7 @@ import sbom
 
 ROOT = Path(__file__).resolve().parent.parent
 WHEEL = ROOT / "python" / "licenses"
-FMU = ROOT / "src" / "export" / "assets" / "third-party.txt"
+FMU = ROOT / "crates" / "export" / "src" / "export" / "assets" / "third-party.txt"
 LICENSE_FILE = re.compile(r"(?i)(licen[cs]e|copying|notice|unlicense)")
 # packages of Rust's standard library on the platforms of releases; the others are for other systems, or for its build
 OF_STANDARD_LIBRARY = re.compile(r"(cfg-if|foldhash|gimli|hashbrown|libc|rustc-demangle|unwinding|windows)[-_]")

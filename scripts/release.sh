@@ -175,7 +175,7 @@ crates() {
   mkdir "$prebuilt"
   for tuple in "${TUPLES[@]}"; do cp -R "target/runtimes/$tuple" "$prebuilt/"; done
   # cargo takes the libraries, which are not in the repository, for changes; what packages hold is tried below
-  cargo package --workspace --exclude metafmu-python --exclude metafmu-benches --exclude metafmu-example --no-verify --locked --allow-dirty --target-dir "$work/package"
+  cargo package --workspace --exclude metafmu-python --exclude metafmu-benches --exclude metafmu-example --exclude metafmu-testing --no-verify --locked --allow-dirty --target-dir "$work/package"
   rm -f "$dist"/*.crate
   cp "$work"/package/package/*.crate "$dist/"
 }

@@ -56,19 +56,11 @@
 
 mod cli;
 mod commands;
-pub mod export;
-pub mod fmi;
-mod html;
-pub mod import;
 mod kinds;
 mod parallel;
 pub mod pipeline;
-mod process;
 mod project;
-pub mod report;
 pub mod search;
-pub mod source;
-pub mod surrogate;
 pub mod swap;
 mod templates;
 
@@ -84,9 +76,16 @@ pub use metafmu_core::{
     refinement, sampling, scaling, study, systems, training,
 };
 #[doc(inline)]
+pub use metafmu_export::export;
+#[doc(inline)]
 pub use metafmu_multibody as multibody;
 #[doc(inline)]
 pub use metafmu_numerics::{integrate, worst};
-use metafmu_tables::fail_points;
+#[doc(inline)]
+pub use metafmu_report::report;
+#[doc(inline)]
+pub use metafmu_source::{fmi, source};
+#[doc(inline)]
+pub use metafmu_surrogate::{import, surrogate};
 #[doc(inline)]
 pub use metafmu_tables::{Error, Result, diagnostics, files, reading, signal, table, unit, unpacking, variable};
