@@ -68,17 +68,16 @@ impl Archive {
     /// [`Error::ArchiveEntry`] if it is missing, damaged or too large, [`Error::Archive`] if it is not a zip archive.
     pub fn open_inner(&mut self, entry: &str) -> Result<Self> {
         let path = self.path.join(entry);
-        let problem = |problem: String| Error::ArchiveEntry { path: self.path.clone(), entry: entry.into(), problem };
         if !self.contains(entry) {
-            return Err(problem("is missing".into()));
+            return Err(entry_error(&self.path, entry, "is missing".into()));
         }
         // a file without a name, which vanishes when it is closed
         let mut file = tempfile::tempfile().map_err(Error::io(&path, "unpack"))?;
-        let content = self.zip.by_name(entry).map_err(|error| problem(error.to_string()))?;
+        let content = self.zip.by_name(entry).map_err(|error| entry_error(&self.path, entry, error.to_string()))?;
         let limit = allowed_bytes(self.size);
         let count = io::copy(&mut content.take(limit + 1), &mut file).map_err(Error::io(&path, "unpack"))?;
         if count > limit {
-            return Err(problem(format!("has more than {limit} bytes when it is unpacked")));
+            return Err(entry_error(&self.path, entry, format!("has more than {limit} bytes when it is unpacked")));
         }
         file.rewind().map_err(Error::io(&path, "unpack"))?;
         Self::of_file(path, file)
@@ -127,22 +126,22 @@ impl Archive {
     /// # Errors
     /// [`Error::ArchiveEntry`] if it is missing, damaged or larger.
     pub fn read(&mut self, name: &str, limit: u64) -> Result<Vec<u8>> {
-        let path = self.path.clone();
-        let problem = |problem: String| Error::ArchiveEntry { path: path.clone(), entry: name.into(), problem };
         if !self.contains(name) {
-            return Err(problem("is missing: not an FMU".into()));
+            return Err(entry_error(&self.path, name, "is missing: not an FMU".into()));
         }
         let limit = limit.min(allowed_bytes(self.size));
-        let entry = self.zip.by_name(name).map_err(|error| problem(error.to_string()))?;
-        let large = || problem(format!("is larger than {limit} bytes"));
+        let entry = self.zip.by_name(name).map_err(|error| entry_error(&self.path, name, error.to_string()))?;
         if entry.size() > limit {
-            return Err(large());
+            return Err(entry_error(&self.path, name, format!("is larger than {limit} bytes")));
         }
         let mut bytes = Vec::new();
         // the size in the directory may be a lie: what counts is what comes out
-        entry.take(limit + 1).read_to_end(&mut bytes).map_err(|error| problem(error.to_string()))?;
+        entry
+            .take(limit + 1)
+            .read_to_end(&mut bytes)
+            .map_err(|error| entry_error(&self.path, name, error.to_string()))?;
         if bytes.len() as u64 > limit {
-            return Err(large());
+            return Err(entry_error(&self.path, name, format!("is larger than {limit} bytes")));
         }
         Ok(bytes)
     }
@@ -152,11 +151,9 @@ impl Archive {
     /// # Errors
     /// [`Error::ArchiveEntry`] if it is missing or damaged.
     pub fn read_start(&mut self, name: &str, limit: u64) -> Result<Vec<u8>> {
-        let path = self.path.clone();
-        let problem = |problem: String| Error::ArchiveEntry { path: path.clone(), entry: name.into(), problem };
-        let entry = self.zip.by_name(name).map_err(|error| problem(error.to_string()))?;
+        let entry = self.zip.by_name(name).map_err(|error| entry_error(&self.path, name, error.to_string()))?;
         let mut bytes = Vec::new();
-        entry.take(limit).read_to_end(&mut bytes).map_err(|error| problem(error.to_string()))?;
+        entry.take(limit).read_to_end(&mut bytes).map_err(|error| entry_error(&self.path, name, error.to_string()))?;
         Ok(bytes)
     }
 
@@ -185,11 +182,8 @@ impl Archive {
     /// time; [`Error::Io`] if a file cannot be written; [`Error::Interrupted`].
     pub fn unpack(&mut self, folder: &Path, is_needed: fn(&str) -> bool, patience: Patience) -> Result<()> {
         let entries = self.entries()?;
-        let refuse = |entry: &str, problem: String| {
-            Err(Error::ArchiveEntry { path: self.path.clone(), entry: entry.into(), problem })
-        };
         if let Some((entry, problem)) = entries.iter().find_map(|entry| Some((entry, entry.unsafe_name?))) {
-            return refuse(&entry.name, problem.into());
+            return Err(entry_error(&self.path, &entry.name, problem.into()));
         }
         let needed: Vec<(usize, &Entry)> =
             entries.iter().enumerate().filter(|(_, entry)| is_needed(&entry.name)).collect();
@@ -204,47 +198,55 @@ impl Archive {
     }
 
     fn unpack_entry(&mut self, index: usize, entry: &Entry, folder: &Path, clock: &UnpackingClock) -> Result<()> {
-        let path = self.path.clone();
-        let problem = |problem: String| Error::ArchiveEntry { path: path.clone(), entry: entry.name.clone(), problem };
-        // some names are not valid for files here, or name a file that is a folder for another entry: the archive's fault
-        let failed = |target: &Path, action, error: io::Error| match error.kind() {
-            ErrorKind::InvalidFilename
-            | ErrorKind::InvalidInput
-            | ErrorKind::NotADirectory
-            | ErrorKind::IsADirectory
-            | ErrorKind::AlreadyExists => problem(format!("cannot be unpacked: {error}")),
-            _ => Error::io(target, action)(error),
-        };
+        let (path, name) = (&self.path, &entry.name);
         // some tools write backslashes
         let target = folder.join(entry.name.replace('\\', "/"));
         let is_folder = entry.name.ends_with(['/', '\\']);
         let parent = if is_folder { Some(target.as_path()) } else { target.parent() };
         if let Some(parent) = parent {
-            fs::create_dir_all(parent).map_err(|error| failed(parent, "create", error))?;
+            fs::create_dir_all(parent).map_err(unpacking_error(path, name, parent, "create"))?;
         }
         if is_folder {
             return Ok(());
         }
         // gives no more than the size that is declared
-        let mut content = self.zip.by_index(index).map_err(|error| problem(error.to_string()))?;
-        let mut file = File::create(&target).map_err(|error| failed(&target, "write", error))?;
+        let mut content = self.zip.by_index(index).map_err(|error| entry_error(path, name, error.to_string()))?;
+        let mut file = File::create(&target).map_err(unpacking_error(path, name, &target, "write"))?;
         let mut buffer = vec![0; 1 << 16];
         loop {
             if let Some(reason) = clock.problem()? {
-                return Err(problem(reason));
+                return Err(entry_error(path, name, reason));
             }
             let count = match content.read(&mut buffer) {
                 Ok(0) => return Ok(()),
                 Ok(count) => count,
                 Err(error) if error.kind() == ErrorKind::Interrupted => continue,
-                Err(error) => return Err(problem(error.to_string())),
+                Err(error) => return Err(entry_error(path, name, error.to_string())),
             };
-            file.write_all(&buffer[..count]).map_err(|error| failed(&target, "write", error))?;
+            file.write_all(&buffer[..count]).map_err(unpacking_error(path, name, &target, "write"))?;
         }
     }
 
     fn archive_error(&self) -> impl Fn(zip::result::ZipError) -> Error {
         move |source| Error::Archive { path: self.path.clone(), source }
+    }
+}
+
+/// Something wrong with an entry of the archive at `path`.
+fn entry_error(path: &Path, entry: &str, problem: String) -> Error {
+    Error::ArchiveEntry { path: path.to_owned(), entry: entry.into(), problem }
+}
+
+/// The error of an entry whose target cannot be created or written.
+fn unpacking_error(path: &Path, entry: &str, target: &Path, action: &'static str) -> impl Fn(io::Error) -> Error {
+    move |error| match error.kind() {
+        // names that are not valid for files here, or of a file that is a folder for another entry: the archive's fault
+        ErrorKind::InvalidFilename
+        | ErrorKind::InvalidInput
+        | ErrorKind::NotADirectory
+        | ErrorKind::IsADirectory
+        | ErrorKind::AlreadyExists => entry_error(path, entry, format!("cannot be unpacked: {error}")),
+        _ => Error::io(target, action)(error),
     }
 }
 

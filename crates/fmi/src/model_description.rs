@@ -615,9 +615,8 @@ pub const MAX_ELEMENTS: u64 = 1 << 24;
 impl ModelDescription {
     /// The variable of that name or alias.
     pub fn variable(&self, name: &str) -> Option<&ScalarVariable> {
-        let known_as = |variable: &&ScalarVariable| variable.aliases.iter().any(|alias| alias.name == name);
         let named = self.variables.iter().find(|variable| variable.name == name);
-        named.or_else(|| self.variables.iter().find(known_as))
+        named.or_else(|| self.variables.iter().find(|variable| variable.aliases.iter().any(|alias| alias.name == name)))
     }
 
     /// The outputs, in the order of the variables.
@@ -640,7 +639,11 @@ impl ModelDescription {
     /// Sizes of an array, structural parameters having their start values; empty for a scalar, `None` if a size refers
     /// to no structural parameter.
     pub fn shape(&self, variable: &ScalarVariable) -> Option<Vec<u64>> {
-        let size = |dimension: &Dimension| match *dimension {
+        variable.dimensions.iter().map(|dimension| self.dimension_size(dimension)).collect()
+    }
+
+    fn dimension_size(&self, dimension: &Dimension) -> Option<u64> {
+        match *dimension {
             Dimension::Fixed(size) => Some(size),
             Dimension::Parameter(reference) => {
                 let parameter = self.variables.iter().find(|known| known.value_reference == reference)?;
@@ -649,8 +652,7 @@ impl ModelDescription {
                     _ => None,
                 }
             }
-        };
-        variable.dimensions.iter().map(size).collect()
+        }
     }
 
     /// Number of continuous states.
@@ -666,12 +668,12 @@ impl ModelDescription {
 
     /// Each continuous state with its derivative, in the order of the state vector. None in the cases of [`Self::states`].
     pub fn states_with_derivatives(&self) -> Option<Vec<(&ScalarVariable, &ScalarVariable)>> {
-        let pair = |unknown: &Unknown| {
+        let pairs = self.structure.derivatives.iter().map(|unknown| {
             let derivative = self.variables.get(unknown.variable)?;
             let state = self.variables.get(derivative.kind.as_real()?.derivative?)?;
             (state.dimensions.is_empty() && derivative.dimensions.is_empty()).then_some((state, derivative))
-        };
-        self.structure.derivatives.iter().map(pair).collect()
+        });
+        pairs.collect()
     }
 
     /// Number of event indicators, those of arrays included.
@@ -683,10 +685,10 @@ impl ModelDescription {
     }
 
     fn elements(&self, unknowns: &[Unknown]) -> usize {
-        let size = |unknown: &Unknown| {
+        let sizes = unknowns.iter().map(|unknown| {
             let shape = self.variables.get(unknown.variable).and_then(|variable| self.shape(variable));
             shape.map_or(1, |shape| shape.into_iter().fold(1, u64::saturating_mul) as usize)
-        };
-        unknowns.iter().map(size).fold(0, usize::saturating_add)
+        });
+        sizes.fold(0, usize::saturating_add)
     }
 }

@@ -78,37 +78,44 @@ impl Platform {
 /// Layouts: System V ABI, "ELF Header"; Microsoft PE format, "COFF File Header"; Apple's `mach-o/loader.h` and
 /// `mach-o/fat.h`.
 pub fn platforms_of(bytes: &[u8]) -> Vec<&'static str> {
-    let part = |place: usize, length: usize| bytes.get(place..place.checked_add(length)?);
-    let little = |place: usize, length: usize| {
-        let field = part(place, length)?;
-        Some(field.iter().rev().fold(0u64, |sum, &byte| sum << 8 | u64::from(byte)))
-    };
-    let big = |place: usize| part(place, 4).map(|field| field.iter().fold(0u64, |sum, &b| sum << 8 | u64::from(b)));
     let found = if bytes.starts_with(b"\x7fELF") {
-        match little(18, 2) {
+        match little_endian(bytes, 18, 2) {
             Some(62) => &["x86_64-linux"][..],
             Some(3) => &["x86-linux"],
             Some(183) => &["aarch64-linux"],
             _ => &[],
         }
     } else if bytes.starts_with(b"MZ") {
-        let header = little(0x3c, 4).map_or(0, |place| place as usize);
-        match (part(header, 4), header.checked_add(4).and_then(|place| little(place, 2))) {
+        let header = little_endian(bytes, 0x3c, 4).map_or(0, |place| place as usize);
+        match (field(bytes, header, 4), header.checked_add(4).and_then(|place| little_endian(bytes, place, 2))) {
             (Some(b"PE\0\0"), Some(0x8664)) => &["x86_64-windows"][..],
             (Some(b"PE\0\0"), Some(0x14c)) => &["x86-windows"],
             (Some(b"PE\0\0"), Some(0xaa64)) => &["aarch64-windows"],
             _ => &[],
         }
     } else if bytes.starts_with(b"\xcf\xfa\xed\xfe") {
-        return little(4, 4).and_then(darwin).into_iter().collect();
+        return little_endian(bytes, 4, 4).and_then(darwin).into_iter().collect();
     } else if bytes.starts_with(b"\xca\xfe\xba\xbe") {
         // several architectures in one file, each announced by 20 bytes
-        let count = big(4).unwrap_or(0).min(16) as usize;
-        return (0..count).filter_map(|index| darwin(big(8 + 20 * index)?)).collect();
+        let count = big_endian(bytes, 4).unwrap_or(0).min(16) as usize;
+        return (0..count).filter_map(|index| darwin(big_endian(bytes, 8 + 20 * index)?)).collect();
     } else {
         &[]
     };
     found.to_vec()
+}
+
+fn field(bytes: &[u8], place: usize, length: usize) -> Option<&[u8]> {
+    bytes.get(place..place.checked_add(length)?)
+}
+
+fn little_endian(bytes: &[u8], place: usize, length: usize) -> Option<u64> {
+    Some(field(bytes, place, length)?.iter().rev().fold(0, |sum, &byte| sum << 8 | u64::from(byte)))
+}
+
+/// A number of four bytes, the highest one first.
+fn big_endian(bytes: &[u8], place: usize) -> Option<u64> {
+    Some(field(bytes, place, 4)?.iter().fold(0, |sum, &byte| sum << 8 | u64::from(byte)))
 }
 
 fn darwin(cpu_type: u64) -> Option<&'static str> {

@@ -232,8 +232,8 @@ impl OdeRun {
                 (0, Some(IntegrationFailure { message: in_words(&error), t: *x }), is_stiff)
             }
         };
-        let is_finite = |state: &&OVector<f64, D>| state.iter().all(|value| value.is_finite());
-        let states = solver.y_out().iter().take_while(is_finite).cloned().collect();
+        let finite = solver.y_out().iter().take_while(|state| state.iter().all(|value| value.is_finite()));
+        let states = finite.cloned().collect();
         IntegrationResult { states, failure, is_stiff, evaluations }
     }
 }

@@ -53,6 +53,13 @@ pub struct SineTerm {
     pub phase: f64,
 }
 
+impl SineTerm {
+    #[inline]
+    fn value(&self, t: f64) -> f64 {
+        self.amplitude * (TAU * self.frequency * t + self.phase).sin()
+    }
+}
+
 /// Reason why values at time points make no signal.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum KnotsError {
@@ -128,10 +135,7 @@ impl Signal {
             Self::Constant(value) => *value,
             Self::Held(knots) => knots.held(t),
             Self::Linear(knots) => knots.linear(t),
-            Self::Multisine { offset, sines } => {
-                let term = |sine: &SineTerm| sine.amplitude * (TAU * sine.frequency * t + sine.phase).sin();
-                offset + sines.iter().map(term).sum::<f64>()
-            }
+            Self::Multisine { offset, sines } => offset + sines.iter().map(|sine| sine.value(t)).sum::<f64>(),
             Self::Chirp { offset, amplitude, from, to, duration } => {
                 let (t_in, t_after) = (t.min(*duration), (t - duration).max(0.0));
                 // the integral of the frequency

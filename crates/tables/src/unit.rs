@@ -73,8 +73,7 @@ impl BaseUnit {
             }
             Some(_) => return None,
             None => {
-                let ends = |c: char| c.is_ascii_digit() || c.is_whitespace() || "^-.*·/()".contains(c);
-                let end = rest.find(ends).unwrap_or(rest.len());
+                let end = rest.find(ends_symbol).unwrap_or(rest.len());
                 let end = if rest.starts_with('1') { 1 } else { end };
                 let (factor, exponents) = lookup(&rest[..end])?;
                 let is_one = rest.starts_with('1');
@@ -102,7 +101,6 @@ impl BaseUnit {
 /// are compared as texts. An empty text, `-` and `1` are the dimensionless unit.
 pub fn is_same(one: &str, other: &str) -> bool {
     let [one, other] = [one, other].map(str::trim);
-    let parsed = |text: &str| if matches!(text, "" | "-") { Some(BaseUnit::ONE) } else { BaseUnit::parse(text) };
     one == other
         || match (parsed(one), parsed(other)) {
             (Some(a), Some(b)) => {
@@ -113,6 +111,16 @@ pub fn is_same(one: &str, other: &str) -> bool {
         }
 }
 
+/// The unit of a text, which may be empty or a dash for 1.
+fn parsed(text: &str) -> Option<BaseUnit> {
+    if matches!(text, "" | "-") { Some(BaseUnit::ONE) } else { BaseUnit::parse(text) }
+}
+
+/// Returns true if a character is not part of a unit's symbol but follows it.
+fn ends_symbol(c: char) -> bool {
+    c.is_ascii_digit() || c.is_whitespace() || "^-.*·/()".contains(c)
+}
+
 /// Relative difference of two factors that are equal but for rounding.
 const ROUNDING: f64 = 1e-12;
 /// Deepest nesting of parentheses.
@@ -120,15 +128,17 @@ const DEEPEST: usize = 8;
 
 /// An expression in the characters that are parsed: `**` is `^`, superscripts are digits, and signs have one form.
 fn plain(expression: &str) -> String {
-    let superscripts = "⁰¹²³⁴⁵⁶⁷⁸⁹";
-    let character = |c: char| match c {
+    expression.replace("**", "^").chars().map(plain_character).collect()
+}
+
+fn plain_character(c: char) -> char {
+    match c {
         '⁻' | '−' => '-',
         '⋅' | '×' | '∙' | '•' => '·',
         // the Greek letter is the micro sign
         'μ' => 'µ',
-        c => superscripts.chars().position(|of| of == c).map_or(c, |digit| char::from(b'0' + digit as u8)),
-    };
-    expression.replace("**", "^").chars().map(character).collect()
+        c => "⁰¹²³⁴⁵⁶⁷⁸⁹".chars().position(|of| of == c).map_or(c, |digit| char::from(b'0' + digit as u8)),
+    }
 }
 
 /// Reads the exponent of a factor; 1 if there is none.
@@ -147,14 +157,17 @@ fn exponent(rest: &mut &str) -> Option<i32> {
 }
 
 fn lookup(symbol: &str) -> Option<(f64, [i32; 8])> {
-    let find = |symbol: &str| UNITS.iter().find(|unit| unit.symbol == symbol);
-    if let Some(unit) = find(symbol) {
+    if let Some(unit) = unit_of_symbol(symbol) {
         return Some((unit.factor, unit.exponents));
     }
     PREFIXES.iter().find_map(|(prefix, scale)| {
-        let unit = find(symbol.strip_prefix(prefix)?).filter(|unit| unit.prefixed)?;
+        let unit = unit_of_symbol(symbol.strip_prefix(prefix)?).filter(|unit| unit.prefixed)?;
         Some((scale * unit.factor, unit.exponents))
     })
+}
+
+fn unit_of_symbol(symbol: &str) -> Option<&'static Unit> {
+    UNITS.iter().find(|unit| unit.symbol == symbol)
 }
 
 struct Unit {

@@ -143,12 +143,11 @@ pub fn match_variables(
     let NameMatch { positions, unused } = NameMatch::of(&names, columns);
     let unused: Vec<&str> =
         unused.into_iter().map(|column| columns[column]).filter(|name| !other.contains(name)).collect();
-    let default = |name: &str| defaults.iter().rev().find(|default| default.name == name);
     let (mut found, mut missing) = (MatchedVariables { columns: positions, ..Default::default() }, Vec::new());
     let (mut constants, mut doubtful) = (Vec::new(), Vec::new());
     for (variable, column) in wanted.iter().zip(&found.columns) {
         let WantedVariable { name, unit, start, need } = variable;
-        let default = default(name).filter(|_| *need != Need::Data);
+        let default = defaults.iter().rev().find(|default| default.name == *name).filter(|_| *need != Need::Data);
         let value = default.and_then(|default| default.value).or(*start);
         found.values.push(if column.is_some() { f64::NAN } else { value.unwrap_or(f64::NAN) });
         if column.is_some() {
@@ -217,17 +216,13 @@ fn contradictions(defaults: &[DefaultValue]) -> Vec<String> {
 fn lacking(missing: &[&WantedVariable], columns: &[&str], unused: &[&str]) -> Option<String> {
     let names: Vec<&str> = missing.iter().map(|variable| variable.name).collect();
     let mut message = names::missing("column", &names, columns, unused)?;
-    let mut add = |sentence: String| {
-        message += if message.ends_with('?') { " " } else { ". " };
-        message += &sentence;
-    };
     let can_have_default = missing.iter().filter(|variable| variable.need != Need::Data);
     let options: Vec<String> = can_have_default.map(|variable| option_for(variable.name, variable.start)).collect();
-    if !unused.is_empty() {
-        add(format!("Not used: {}", listed(unused)));
-    }
-    if !options.is_empty() {
-        add(format!("For constants: {}", options.join(" ")));
+    let unused = (!unused.is_empty()).then(|| format!("Not used: {}", listed(unused)));
+    let constants = (!options.is_empty()).then(|| format!("For constants: {}", options.join(" ")));
+    for sentence in unused.into_iter().chain(constants) {
+        message += if message.ends_with('?') { " " } else { ". " };
+        message += &sentence;
     }
     Some(message)
 }

@@ -88,7 +88,8 @@ impl Finder<'_> {
 /// Functions that a library does not export, of some that are needed.
 pub fn missing(library: &Library, functions: &[&[&'static str]]) -> Vec<&'static str> {
     let finder = Finder { library, path: Path::new("") };
+    let mut missing = functions.concat();
     // SAFETY: the address is not used
-    let exports = |function: &str| unsafe { finder.optional::<*const c_void>(function) }.is_some();
-    functions.concat().into_iter().filter(|function| !exports(function)).collect()
+    missing.retain(|function| unsafe { finder.optional::<*const c_void>(function) }.is_none());
+    missing
 }

@@ -40,17 +40,14 @@ impl Grid {
 
     /// Common communication points of several FMUs.
     pub fn of_fmus<'a>(start: f64, stop: f64, step: f64, fmus: impl IntoIterator<Item = &'a Fmu>) -> Result<Self> {
-        let wrong = |expected| Err(Error::Experiment { start, stop: Some(stop), step: Some(step), expected });
-        let grid = match Self::of_times(start, stop, step) {
-            Ok(grid) => grid,
-            Err(expected) => return wrong(expected),
-        };
+        let grid = Self::of_times(start, stop, step);
         let takes_whole_steps =
             |fmu: &Fmu| fmu.co_simulation().is_some_and(|co_simulation| !co_simulation.variable_step_size);
-        if grid.partial && fmus.into_iter().any(takes_whole_steps) {
-            return wrong("whole steps: the FMU cannot do a shorter last one");
-        }
-        Ok(grid)
+        let grid = grid.and_then(|grid| match grid.partial && fmus.into_iter().any(takes_whole_steps) {
+            true => Err("whole steps: the FMU cannot do a shorter last one"),
+            false => Ok(grid),
+        });
+        grid.map_err(|expected| Error::Experiment { start, stop: Some(stop), step: Some(step), expected })
     }
 
     /// Communication points regardless of the FMUs' capabilities and of limits on the times.

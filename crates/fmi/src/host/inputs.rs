@@ -75,7 +75,7 @@ impl Inputs {
     /// # Errors
     /// [`Error::UnknownVariable`], [`Error::Variable`] if one is not an input.
     pub fn drive<'a>(&'a self, description: &'a ModelDescription) -> Result<InputDriver<'a>> {
-        let find = |name: &String| {
+        let variables = self.names.iter().map(|name| {
             let variable = description.variable(name).ok_or_else(|| Error::UnknownVariable {
                 name: name.clone(),
                 known: description.variables.iter().map(|variable| variable.name.clone()).collect(),
@@ -85,8 +85,8 @@ impl Inputs {
                 return Err(Error::Variable { name: name.clone(), problem });
             }
             Ok(variable)
-        };
-        Ok(InputDriver { inputs: self, variables: self.names.iter().map(find).collect::<Result<_>>()? })
+        });
+        Ok(InputDriver { inputs: self, variables: variables.collect::<Result<_>>()? })
     }
 
     /// Matches the columns with the inputs of a description. Returns the values of inputs without a column, which
@@ -100,21 +100,23 @@ impl Inputs {
         is_optional: impl Fn(&str) -> bool,
         defaults: &[DefaultValue],
     ) -> std::result::Result<(Vec<(String, f64)>, MatchedVariables), VariableMatchError> {
-        let is_wanted = |variable: &&ScalarVariable| {
+        let inputs = description.variables.iter().filter(|variable| {
             let is_number = variable.kind.is_number() && variable.dimensions.is_empty();
             variable.causality == Causality::Input && is_number && !is_optional(&variable.name)
-        };
-        let inputs: Vec<&ScalarVariable> = description.variables.iter().filter(is_wanted).collect();
-        let wanted = |variable: &&'a ScalarVariable| WantedVariable {
+        });
+        let wanted = inputs.map(|variable| WantedVariable {
             name: &variable.name,
             unit: description.unit_of(variable).unwrap_or_default(),
             start: variable.start_value(),
             need: Need::DataOrDefault,
-        };
-        let wanted: Vec<WantedVariable> = inputs.iter().map(wanted).collect();
+        });
+        let wanted: Vec<WantedVariable> = wanted.collect();
         // columns may have other names of a variable
-        let named = |name: &'a String| description.variable(name).map_or(name.as_str(), |variable| &variable.name);
-        let columns: Vec<&str> = self.names.iter().map(named).collect();
+        let columns = self.names.iter().map(|name| match description.variable(name) {
+            Some(variable) => variable.name.as_str(),
+            None => name,
+        });
+        let columns: Vec<&str> = columns.collect();
         let is_input =
             |name: &str| description.variable(name).is_some_and(|variable| variable.causality == Causality::Input);
         let other: Vec<&str> = columns.iter().copied().filter(|name| is_input(name)).collect();
@@ -189,6 +191,11 @@ impl InputDriver<'_> {
         self.set_some(instance, time, rows, |_| true)
     }
 
+    /// Sets all variables to their values at a time, after all rows up to it.
+    pub fn set_at(&self, instance: &FmuInstance, time: f64) -> Result<()> {
+        self.set(instance, time, self.rows_until(time))
+    }
+
     /// Sets the continuous variables, the only ones that may be set between events.
     pub fn set_continuous(&self, instance: &FmuInstance, time: f64, rows: usize) -> Result<()> {
         self.set_some(instance, time, rows, is_continuous)
@@ -210,20 +217,21 @@ impl InputDriver<'_> {
     /// Returns true if a continuous variable changes from the last of `rows` rows to the next.
     pub fn vary(&self, rows: usize) -> bool {
         let of = &self.inputs.rows;
-        let changes = |(column, variable): (usize, &&ScalarVariable)| {
-            is_continuous(variable) && of[rows - 1][column] != of[rows][column]
-        };
-        (1..of.len()).contains(&rows) && self.variables.iter().enumerate().any(changes)
+        (1..of.len()).contains(&rows)
+            && self
+                .variables
+                .iter()
+                .enumerate()
+                .any(|(column, variable)| is_continuous(variable) && of[rows - 1][column] != of[rows][column])
     }
 
     /// Returns true if a variable jumps at the rows from `before` up to `after`, which have one time.
     pub fn jump(&self, before: usize, after: usize) -> bool {
         let of = &self.inputs.rows;
-        let jumps = |(column, variable): (usize, &&ScalarVariable)| {
+        self.variables.iter().enumerate().any(|(column, variable)| {
             let last = if is_continuous(variable) { before } else { before.saturating_sub(1) };
             of[last][column] != of[after - 1][column]
-        };
-        self.variables.iter().enumerate().any(jumps)
+        })
     }
 }
 

@@ -9,10 +9,7 @@ use super::{
     inputs::InputDriver,
     stretch::{IntegratedModel, RunPosition, Stop},
 };
-use crate::{
-    Error, Result,
-    model_description::{MAX_ELEMENTS, ScalarVariable},
-};
+use crate::{Error, Result, model_description::MAX_ELEMENTS};
 
 /// Default tolerance of a step, unless the caller has one or the FMU's default experiment has a tighter one.
 const TOLERANCE: f64 = 1e-8;
@@ -54,15 +51,16 @@ impl<'a> Exchange<'a> {
         let exchange = description.model_exchange.as_ref();
         let provides = exchange.is_some_and(|exchange| exchange.interface.directional_derivative);
         let pairs = description.states_with_derivatives().filter(|pairs| provides && pairs.len() == states);
-        let references = |(state, derivative): (&ScalarVariable, &ScalarVariable)| {
-            (state.value_reference, derivative.value_reference)
-        };
+        let directional = pairs.map(|pairs| {
+            let references = pairs.into_iter().map(|(state, rate)| (state.value_reference, rate.value_reference));
+            references.unzip()
+        });
         let model = IntegratedModel {
             instance,
             inputs,
             tolerance: tolerance.max(TIGHTEST),
             completes_steps: exchange.is_some_and(|exchange| exchange.needs_completed_integrator_step),
-            directional: pairs.map(|pairs| pairs.into_iter().map(references).unzip()),
+            directional,
         };
         let position = RunPosition::new(time, states, indicators, inputs.rows_until(time));
         let mut run = Self { model, position };
@@ -158,8 +156,7 @@ impl<'a> Exchange<'a> {
         if !position.states.is_empty() {
             instance.get_continuous_states(&mut position.states)?;
             instance.get_nominals(&mut position.nominals)?;
-            let usable = |nominal: &f64| nominal.is_normal();
-            position.nominals.iter_mut().for_each(|n| *n = if usable(n) { n.abs() } else { 1.0 });
+            position.nominals.iter_mut().for_each(|n| *n = if n.is_normal() { n.abs() } else { 1.0 });
         }
         self.model.read_indicators(&mut position.indicators)?;
         Ok(StepResult::Done)

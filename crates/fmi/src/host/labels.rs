@@ -39,13 +39,13 @@ impl StateEvaluation {
         instance.enter_initialization_mode(start, Some(stop))?;
         inputs.set(instance, start, 1)?;
         instance.exit_initialization_mode()?;
-        let wrong = |message: String| Err(Error::Integration { time: start, message });
         let events = instance.settle_events()?;
         if events.terminate {
-            return wrong("the FMU ended the simulation".into());
+            return Err(Error::Integration { time: start, message: "the FMU ended the simulation".into() });
         }
         if let Some(time) = events.next_event_time {
-            return wrong(format!("the FMU has an event at {time} s; {NO_EQUATIONS}"));
+            let message = format!("the FMU has an event at {time} s; {NO_EQUATIONS}");
+            return Err(Error::Integration { time: start, message });
         }
         let states = options.states.as_deref().unwrap_or_default();
         let at = |time: f64| {
@@ -57,11 +57,11 @@ impl StateEvaluation {
         };
         let (later, later_outputs) = at(start + LATER * (stop - start))?;
         let (derivatives, outputs) = at(start)?;
-        let pairs = || later.iter().zip(&derivatives).chain(later_outputs.iter().zip(&outputs));
+        let mut pairs = later.iter().zip(&derivatives).chain(later_outputs.iter().zip(&outputs));
         // nearly the same is another rounding
-        let differs = |(a, b): (&f64, &f64)| (a - b).abs() > 1e-9 * (a.abs() + b.abs()) + 1e-12;
-        if pairs().any(differs) {
-            return wrong("the equations depend on the time; such cannot be learned with states".into());
+        if pairs.any(|(a, b)| (a - b).abs() > 1e-9 * (a.abs() + b.abs()) + 1e-12) {
+            let message = "the equations depend on the time; such cannot be learned with states".into();
+            return Err(Error::Integration { time: start, message });
         }
         Ok(Self { derivatives, columns: recorder.columns, outputs })
     }

@@ -87,13 +87,12 @@ pub fn simulate_into(instance: &FmuInstance, options: &SimulationOptions, sink: 
         set_start(instance, name, *value)?;
     }
     let start = grid.time(0);
-    let set_inputs = |time: f64| inputs.set(instance, time, inputs.rows_until(time));
     if !exchange {
-        set_inputs(start)?;
+        inputs.set_at(instance, start)?;
     }
     instance.enter_initialization_mode(start, grid.stop_time())?;
     if exchange {
-        set_inputs(start)?;
+        inputs.set_at(instance, start)?;
     }
     instance.exit_initialization_mode()?;
 
@@ -116,7 +115,7 @@ pub fn simulate_into(instance: &FmuInstance, options: &SimulationOptions, sink: 
             Some(run) => run.advance(time)?,
             None => {
                 if step > 0 && !options.inputs_first {
-                    set_inputs(grid.time(step))?;
+                    inputs.set_at(instance, grid.time(step))?;
                 }
                 instance.do_step(grid.time(step), grid.size(step))?
             }
@@ -124,7 +123,7 @@ pub fn simulate_into(instance: &FmuInstance, options: &SimulationOptions, sink: 
         let reached_time = match reached {
             StepResult::Done => {
                 if !exchange && options.inputs_first {
-                    set_inputs(time)?;
+                    inputs.set_at(instance, time)?;
                 }
                 time
             }
@@ -146,12 +145,12 @@ pub fn is_settable(variable: &ScalarVariable) -> bool {
 /// Sets a start value before initialization.
 pub fn set_start(instance: &FmuInstance, name: &str, value: f64) -> Result<()> {
     let variable = find(instance, name)?;
-    let wrong = |problem: &str| Err(Error::Variable { name: name.into(), problem: problem.into() });
     if let VariableType::String { .. } = variable.kind {
-        return wrong("is a text, which cannot be set to a number");
+        let problem = "is a text, which cannot be set to a number".into();
+        return Err(Error::Variable { name: name.into(), problem });
     }
     if !is_settable(variable) {
-        return wrong("has no start value to be set");
+        return Err(Error::Variable { name: name.into(), problem: "has no start value to be set".into() });
     }
     // of an array all elements
     instance.set_numbers(variable, &vec![value; instance.element_count(variable)?])

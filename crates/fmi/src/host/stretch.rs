@@ -176,8 +176,8 @@ impl RunPosition {
         }
         if !self.choice.is_stiff() && has_states {
             let evaluations = stretch.evaluations.get();
-            let jacobian = || stretch.jacobian(now.elapsed, &now.state);
-            self.choice.note((evaluations, now.elapsed), gave_up.is_some(), jacobian);
+            self.choice
+                .note((evaluations, now.elapsed), gave_up.is_some(), || stretch.jacobian(now.elapsed, &now.state));
             if stretch.evaluations.get() > evaluations {
                 // differences have moved the FMU
                 stretch.put(now.elapsed, &now.state)?;
@@ -493,11 +493,11 @@ fn crossed(before: &[f64], after: &[f64]) -> bool {
 /// Time at which the first indicator becomes zero between two points, by the straight lines between their weighted
 /// values.
 fn root(low: &[f64], high: &[f64], weights: (f64, f64)) -> f64 {
-    let share = |(low, high): (&f64, &f64)| {
+    let shares = low.iter().zip(high).filter_map(|(low, high)| {
         let (low, high) = (weights.0 * low, weights.1 * high);
         ((low > 0.0) != (high > 0.0)).then(|| low / (low - high)).filter(|share| (0.0..=1.0).contains(share))
-    };
-    low.iter().zip(high).filter_map(share).min_by(f64::total_cmp).unwrap_or(0.5)
+    });
+    shares.min_by(f64::total_cmp).unwrap_or(0.5)
 }
 
 /// Problem that `ode_solvers` takes over and drops. Its state is that of the stretch, followed by the time since the start.

@@ -95,20 +95,20 @@ impl Unpacked {
 
 impl TemporaryFolder {
     fn create() -> Result<Self> {
+        const ACTION: &str = "create a folder in";
         let parent = std::env::temp_dir();
-        let failed = |source| Error::io(&parent, "create a folder in")(source);
         let mut builder = tempfile::Builder::new();
         builder.prefix(PREFIX);
         // no one else may write into it
         #[cfg(unix)]
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o700));
         loop {
-            let folder = builder.tempdir_in(&parent).map_err(failed)?;
+            let folder = builder.tempdir_in(&parent).map_err(Error::io(&parent, ACTION))?;
             let name = folder.path().join(LOCK);
             let lock = match File::create_new(&name) {
                 // another process has taken the empty folder for one that was left
                 Err(error) if error.kind() == ErrorKind::NotFound => continue,
-                lock => lock.map_err(failed)?,
+                lock => lock.map_err(Error::io(&parent, ACTION))?,
             };
             // where files cannot be locked, nobody finds a folder that is not
             let _ = lock.lock();

@@ -181,24 +181,24 @@ impl FmuInstance<'_> {
     /// variable that is neither number nor boolean.
     pub fn set_numbers(&self, variable: &ScalarVariable, values: &[f64]) -> Result<()> {
         let references = [variable.value_reference];
-        let wrong = |problem: String| Err(Error::Variable { name: variable.name.clone(), problem });
         let count = self.element_count(variable)?;
         if values.len() != count {
-            return wrong(format!("{} values, expected {count}", values.len()));
+            return Err(unfit(variable, format!("{} values, expected {count}", values.len())));
         }
         match &variable.kind {
             VariableType::Integer(Integer { width, .. }) | VariableType::Enumeration(Integer { width, .. }) => {
                 let (min, max) = width.range();
-                let fits = |value: &f64| {
-                    value.fract() == 0.0 && value.abs() <= EXACT && (min..=max).contains(&(*value as i128))
-                };
-                if let Some(value) = values.iter().find(|value| !fits(value)) {
-                    return wrong(format!("value {value}, expected an integer of type {width:?}"));
+                let unfit_value = values.iter().find(|value| {
+                    let is_exact = value.fract() == 0.0 && value.abs() <= EXACT;
+                    !is_exact || !(min..=max).contains(&(**value as i128))
+                });
+                if let Some(value) = unfit_value {
+                    return Err(unfit(variable, format!("value {value}, expected an integer of type {width:?}")));
                 }
             }
             VariableType::Boolean { .. } => {
                 if let Some(value) = values.iter().find(|value| ![0.0, 1.0].contains(value)) {
-                    return wrong(format!("value {value}, expected 0 or 1"));
+                    return Err(unfit(variable, format!("value {value}, expected 0 or 1")));
                 }
             }
             VariableType::Real(_) => {}
@@ -237,38 +237,37 @@ impl FmuInstance<'_> {
             }
             _ => return self.set_3("fmi3SetFloat64", Some(functions.set_float64), &references, values),
         };
-        let numbers = || values.iter().copied();
         match width {
             Width::Int8 => {
-                let values: Vec<i8> = numbers().map(|value| value as i8).collect();
+                let values: Vec<i8> = values.iter().map(|&value| value as i8).collect();
                 self.set_3("fmi3SetInt8", types.int8.set, &references, &values)
             }
             Width::UInt8 => {
-                let values: Vec<u8> = numbers().map(|value| value as u8).collect();
+                let values: Vec<u8> = values.iter().map(|&value| value as u8).collect();
                 self.set_3("fmi3SetUInt8", types.uint8.set, &references, &values)
             }
             Width::Int16 => {
-                let values: Vec<i16> = numbers().map(|value| value as i16).collect();
+                let values: Vec<i16> = values.iter().map(|&value| value as i16).collect();
                 self.set_3("fmi3SetInt16", types.int16.set, &references, &values)
             }
             Width::UInt16 => {
-                let values: Vec<u16> = numbers().map(|value| value as u16).collect();
+                let values: Vec<u16> = values.iter().map(|&value| value as u16).collect();
                 self.set_3("fmi3SetUInt16", types.uint16.set, &references, &values)
             }
             Width::Int32 => {
-                let values: Vec<i32> = numbers().map(|value| value as i32).collect();
+                let values: Vec<i32> = values.iter().map(|&value| value as i32).collect();
                 self.set_3("fmi3SetInt32", types.int32.set, &references, &values)
             }
             Width::UInt32 => {
-                let values: Vec<u32> = numbers().map(|value| value as u32).collect();
+                let values: Vec<u32> = values.iter().map(|&value| value as u32).collect();
                 self.set_3("fmi3SetUInt32", types.uint32.set, &references, &values)
             }
             Width::Int64 => {
-                let values: Vec<i64> = numbers().map(|value| value as i64).collect();
+                let values: Vec<i64> = values.iter().map(|&value| value as i64).collect();
                 self.set_3("fmi3SetInt64", types.int64.set, &references, &values)
             }
             Width::UInt64 => {
-                let values: Vec<u64> = numbers().map(|value| value as u64).collect();
+                let values: Vec<u64> = values.iter().map(|&value| value as u64).collect();
                 self.set_3("fmi3SetUInt64", types.uint64.set, &references, &values)
             }
         }
@@ -479,7 +478,11 @@ impl FmuInstance<'_> {
     }
 }
 
+fn unfit(variable: &ScalarVariable, problem: String) -> Error {
+    Error::Variable { name: variable.name.clone(), problem }
+}
+
 fn no_number(variable: &ScalarVariable) -> Error {
     let problem = format!("is of type {}, which is not a number", variable.kind.name(FmiVersion::V3));
-    Error::Variable { name: variable.name.clone(), problem }
+    unfit(variable, problem)
 }

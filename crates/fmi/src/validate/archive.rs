@@ -14,24 +14,20 @@ pub fn check(archive: &mut Archive, report: &mut Report) {
         report.problem(Area::Archive, "two entries have the same name");
     }
     for entry in &entries {
-        let mut problem = |text: &str| report.problem(Area::Archive, format!("entry `{}` {text}", entry.name));
-        if entry.name.contains('\\') {
-            problem("has a backslash in its name, expected forward slashes");
-        }
-        if let Some(reason) = entry.unsafe_name {
-            problem(reason);
-        }
-        if entry.encrypted {
-            problem("is encrypted");
-        }
-        if !entry.allowed_method {
-            problem("is neither stored nor deflated");
+        let problems = [
+            entry.name.contains('\\').then_some("has a backslash in its name, expected forward slashes"),
+            entry.unsafe_name,
+            entry.encrypted.then_some("is encrypted"),
+            (!entry.allowed_method).then_some("is neither stored nor deflated"),
+        ];
+        for problem in problems.into_iter().flatten() {
+            report.problem(Area::Archive, format!("entry `{}` {problem}", entry.name));
         }
     }
     if !archive.contains("modelDescription.xml") {
-        let named = |name: &str| entries.iter().find(|entry| entry.name.eq_ignore_ascii_case(name));
+        let named = entries.iter().find(|entry| entry.name.eq_ignore_ascii_case("modelDescription.xml"));
         let misplaced = entries.iter().find(|entry| entry.name.ends_with("/modelDescription.xml"));
-        let hint = match (named("modelDescription.xml"), misplaced) {
+        let hint = match (named, misplaced) {
             (Some(entry), _) => format!("; `{}` differs in case", entry.name),
             (None, Some(entry)) => format!("; `{}` is in the wrong place", entry.name),
             (None, None) => String::new(),

@@ -134,8 +134,8 @@ fn states_put_back(fmu: &Fmu, experiment: &Grid, reference: &[Vec<f64>], report:
 
 /// Bit by bit: the same computation gives the same numbers.
 fn differ(found: &[Vec<f64>], expected: &[Vec<f64>]) -> Option<&'static str> {
-    let same = |(found, expected): (&f64, &f64)| found.to_bits() == expected.to_bits();
+    let mut rows = found.iter().zip(expected);
     let all_same = found.len() == expected.len()
-        && found.iter().zip(expected).all(|(found, expected)| found.iter().zip(expected).all(same));
+        && rows.all(|(found, expected)| found.iter().zip(expected).all(|(a, b)| a.to_bits() == b.to_bits()));
     (!all_same).then_some("the outputs are not those of the first run")
 }

@@ -5,7 +5,7 @@ mod slopes;
 use super::{Area, Notes};
 use crate::{
     FmiVersion, Fmu, FmuInstance, Result,
-    model_description::{Causality, RealAttributes, ScalarVariable, Unknown, VariableType},
+    model_description::{Causality, ModelDescription, RealAttributes, ScalarVariable, Unknown, VariableType},
 };
 use slopes::{FiniteDifference, LONGEST, Slopes};
 
@@ -34,18 +34,18 @@ pub fn check(fmu: &Fmu, without: &[(String, String)], report: &mut Notes) {
         report.skipped(format!("derivatives by \"{name}\": {reason}"));
     }
     let description = fmu.description();
-    let variable = |position: &usize| description.variables.get(*position).filter(|variable| is_scalar(variable));
     for Unknown { variable: position, dependencies, .. } in &description.structure.initial_unknowns {
-        let Some(unknown) = variable(position).filter(|unknown| unknown.causality == Causality::Output) else {
+        let Some(unknown) = scalar(description, *position).filter(|unknown| unknown.causality == Causality::Output)
+        else {
             continue;
         };
-        let all = || (0..description.variables.len()).collect();
-        let knowns = dependencies.clone().unwrap_or_else(all);
-        let is_known = |known: &&ScalarVariable| {
+        let knowns = dependencies.clone().unwrap_or_else(|| (0..description.variables.len()).collect());
+        let mut knowns: Vec<&ScalarVariable> =
+            knowns.into_iter().filter_map(|position| scalar(description, position)).collect();
+        knowns.retain(|known| {
             matches!(known.causality, Causality::Input | Causality::Parameter)
                 && without.iter().all(|(name, _)| *name != known.name)
-        };
-        let mut knowns: Vec<&ScalarVariable> = knowns.iter().filter_map(variable).filter(is_known).collect();
+        });
         if knowns.len() > MAX_KNOWNS {
             report.skipped(format!("derivatives of \"{}\" by more than {MAX_KNOWNS} variables", unknown.name));
             knowns.truncate(MAX_KNOWNS);
@@ -56,6 +56,11 @@ pub fn check(fmu: &Fmu, without: &[(String, String)], report: &mut Notes) {
             Err(error) => report.problem(Area::Behavior, format!("derivatives of \"{}\": {error}", unknown.name)),
         }
     }
+}
+
+/// The variable at a position, if it is a single number.
+fn scalar(description: &ModelDescription, position: usize) -> Option<&ScalarVariable> {
+    description.variables.get(position).filter(|variable| is_scalar(variable))
 }
 
 fn is_scalar(variable: &ScalarVariable) -> bool {
@@ -80,11 +85,8 @@ fn differences(
     let largest = expected.iter().fold(f64::MIN_POSITIVE, |largest, of| largest.max(of.slopes.largest()));
     // where an output is at an extreme, all derivatives are 0, and the smallest error is larger than they are
     let nominal = unknown.kind.as_real().and_then(|real| real.nominal).unwrap_or(1.0);
-    let is_rough = |Differences { slopes, magnitude, .. }: &Differences| {
-        slopes.error() > UNSURE * largest && slopes.error() * magnitude > NEGLIGIBLE * nominal
-    };
     for (known, difference) in knowns.iter().zip(&expected) {
-        if is_rough(difference) {
+        if difference.is_rough(largest, nominal) {
             let names = format!("the derivative of \"{}\" by \"{}\"", unknown.name, known.name);
             report.skipped(format!("{names}: the outputs are too rough for differences"));
         }
@@ -92,7 +94,7 @@ fn differences(
     let mut check =
         DerivativeCheck { instance: &instance, unknown, largest, problems: Vec::new(), skipped: Vec::new() };
     for ((known, difference), found) in knowns.iter().zip(&expected).zip(found) {
-        if !is_rough(difference) {
+        if !difference.is_rough(largest, nominal) {
             check.compare(Mode::Directional, known, difference, found)?;
         }
     }
@@ -100,7 +102,7 @@ fn differences(
         let references: Vec<u32> = knowns.iter().map(|known| known.value_reference).collect();
         let row = instance.adjoint_derivative(&[unknown.value_reference], &references, &[1.0])?;
         for ((known, difference), found) in knowns.iter().zip(&expected).zip(row) {
-            if !is_rough(difference) {
+            if !difference.is_rough(largest, nominal) {
                 check.compare(Mode::Adjoint, known, difference, found)?;
             }
         }
@@ -194,6 +196,13 @@ struct Differences {
     magnitude: f64,
 }
 
+impl Differences {
+    /// Returns true if the slopes are too unsure for a comparison: relative to the largest derivative of the output and to its nominal value.
+    fn is_rough(&self, largest: f64, nominal: f64) -> bool {
+        self.slopes.error() > UNSURE * largest && self.slopes.error() * self.magnitude > NEGLIGIBLE * nominal
+    }
+}
+
 /// Derivatives by differences at the current value of a known variable.
 fn difference(instance: &FmuInstance, unknown: &ScalarVariable, known: &ScalarVariable) -> Result<Differences> {
     let reference = [known.value_reference];
@@ -201,17 +210,15 @@ fn difference(instance: &FmuInstance, unknown: &ScalarVariable, known: &ScalarVa
     instance.get_real(&reference, &mut center)?;
     let center = center[0];
     let real = known.kind.as_real();
-    let limit = |get: fn(&RealAttributes) -> Option<f64>| real.and_then(get).map(|limit| (limit - center).abs());
+    let limits = real.map_or([None; 2], |real| [real.min, real.max]).into_iter().flatten();
     // a start value may be at the end of its range, where steps in both directions do not stay inside
-    let room = [limit(|real| real.min), limit(|real| real.max)].into_iter().flatten().filter(|room| *room > 0.0);
-    let room = room.fold(f64::INFINITY, f64::min);
+    let room = limits.map(|limit| (limit - center).abs()).filter(|room| *room > 0.0).fold(f64::INFINITY, f64::min);
     let magnitude = center.abs().max(real.and_then(|real| real.nominal).unwrap_or(1.0)).min(room / LONGEST);
-    let at = |value: f64| {
+    let slopes = Slopes::of(center, magnitude, |value| {
         instance.set_real(&reference, &[value])?;
         let mut output = [0.0];
         instance.get_real(&[unknown.value_reference], &mut output).map(|()| output[0])
-    };
-    let slopes = Slopes::of(center, magnitude, at)?;
+    })?;
     instance.set_real(&reference, &[center])?;
     Ok(Differences { slopes, center, magnitude })
 }

@@ -219,8 +219,8 @@ impl Checker<'_> {
                     _ => Integer::default(),
                 };
                 let Integer { min, max, start, .. } = *integer;
-                let real = |number: Option<i128>| number.map(|number| number as f64);
-                (real(min.or(default.min)), real(max.or(default.max)), real(start))
+                let numbers = [min.or(default.min), max.or(default.max), start];
+                numbers.map(|number| number.map(|number| number as f64)).into()
             }
             _ => return,
         };

@@ -76,8 +76,9 @@ pub struct Rule {
 /// Compares an element and everything in it with the rules.
 pub fn check(rules: &[Rule], element: &Element, parent: &str, problems: &mut Vec<XmlProblem>) {
     let full = format!("{parent}/{}", element.name);
-    let applies = |rule: &&Rule| rule.elements.iter().any(|name| *name == element.name || *name == full);
-    let Some(rule) = rules.iter().find(applies) else {
+    let mut rules_of_element =
+        rules.iter().filter(|rule| rule.elements.iter().any(|name| *name == element.name || *name == full));
+    let Some(rule) = rules_of_element.next() else {
         // annotations: any content
         return;
     };
@@ -90,14 +91,14 @@ pub fn check(rules: &[Rule], element: &Element, parent: &str, problems: &mut Vec
 
 fn check_attributes(element: &Element, rule: &Rule, problems: &mut Vec<XmlProblem>) {
     let Element { name: tag, line, .. } = element;
-    let known = || rule.attributes.iter().copied().flatten();
-    for Attribute { name, required, .. } in known() {
+    let known = rule.attributes.iter().copied().flatten();
+    for Attribute { name, required, .. } in known.clone() {
         if *required && element.attribute(name).is_none() {
             problems.push(XmlProblem::unusable(*line, format!("<{tag}> has no attribute `{name}`")));
         }
     }
     for (name, value) in &element.attributes {
-        match known().find(|attribute| attribute.name == name) {
+        match known.clone().find(|attribute| attribute.name == name) {
             Some(attribute) => {
                 if let Some(expected) = mismatch(attribute.value, value) {
                     let message = format!("<{tag}> has {name}=\"{value}\", expected {expected}");
@@ -158,17 +159,14 @@ fn check_children(element: &Element, rule: &Rule, problems: &mut Vec<XmlProblem>
 
 /// Description of the expected type, if the value is not of that type.
 fn mismatch(expected_type: ValueType, value: &str) -> Option<String> {
-    let whole = |text: &str, (min, max): (i128, i128)| {
-        text.trim().parse::<i128>().is_ok_and(|number| (min..=max).contains(&number))
-    };
     let mut words = value.split_whitespace();
     let (fits, expected) = match expected_type {
         ValueType::Text => (true, ""),
         ValueType::Name => (!value.trim().is_empty(), "a name"),
         ValueType::Real => (parse_real(value).is_some(), "a number"),
-        INTEGER => (whole(value, (i32::MIN.into(), i32::MAX.into())), "an integer of 32 bits"),
+        INTEGER => (is_whole(value, i32::MIN.into(), i32::MAX.into()), "an integer of 32 bits"),
         ValueType::Whole(min, max) => {
-            return (!whole(value, (min, max))).then(|| format!("an integer from {min} to {max}"));
+            return (!is_whole(value, min, max)).then(|| format!("an integer from {min} to {max}"));
         }
         ValueType::Boolean => (parse_boolean(value).is_some(), "true or false"),
         ValueType::Hex => (
@@ -178,7 +176,7 @@ fn mismatch(expected_type: ValueType, value: &str) -> Option<String> {
         ValueType::Indices => (words.all(|index| index.parse::<u32>().is_ok()), "a list of indices"),
         ValueType::Reals => (words.all(|word| parse_real(word).is_some()), "a list of numbers"),
         ValueType::Wholes(min, max) => {
-            return (!words.all(|word| whole(word, (min, max))))
+            return (!words.all(|word| is_whole(word, min, max)))
                 .then(|| format!("a list of integers from {min} to {max}"));
         }
         ValueType::Booleans => (words.all(|word| parse_boolean(word).is_some()), "a list of true and false"),
@@ -189,6 +187,11 @@ fn mismatch(expected_type: ValueType, value: &str) -> Option<String> {
         }
     };
     (!fits).then(|| expected.to_owned())
+}
+
+/// Returns true if a text is a whole number of a range.
+fn is_whole(text: &str, min: i128, max: i128) -> bool {
+    text.trim().parse::<i128>().is_ok_and(|number| (min..=max).contains(&number))
 }
 
 /// A `xs:double`, which has fewer spellings than Rust's.

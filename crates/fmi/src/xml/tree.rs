@@ -90,13 +90,11 @@ impl Element {
     }
 
     fn from_tag(tag: &BytesStart, line: usize) -> Result<Self, XmlProblem> {
-        let malformed = |reason: &dyn std::fmt::Display| {
-            XmlProblem::unusable(line, format!("not well-formed XML: <{}>: {reason}", tag.name().as_ref()))
-        };
         let mut attributes = Vec::new();
         for attribute in tag.attributes() {
-            let attribute = attribute.map_err(|error| malformed(&error))?;
-            let value = attribute.normalized_value(XmlVersion::Explicit1_0).map_err(|error| malformed(&error))?;
+            let attribute = attribute.map_err(|error| malformed(tag, line, &error))?;
+            let value = attribute.normalized_value(XmlVersion::Explicit1_0);
+            let value = value.map_err(|error| malformed(tag, line, &error))?;
             // by way of a character reference
             if let Some(found) = value.chars().find(|&character| !is_char(character)) {
                 return Err(XmlProblem::unusable(line, forbidden(found)));
@@ -105,6 +103,10 @@ impl Element {
         }
         Ok(Self { name: tag.name().as_ref().to_owned(), attributes, children: Vec::new(), line })
     }
+}
+
+fn malformed(tag: &BytesStart, line: usize, reason: &dyn std::fmt::Display) -> XmlProblem {
+    XmlProblem::unusable(line, format!("not well-formed XML: <{}>: {reason}", tag.name().as_ref()))
 }
 
 /// Returns true if XML 1.0 allows this character (production `Char`).
@@ -141,8 +143,8 @@ pub fn decode(bytes: &[u8]) -> Result<Cow<'_, str>, XmlProblem> {
     };
     let line = 1 + bytes[..error.valid_up_to()].iter().filter(|&&byte| byte == b'\n').count();
     let declaration = bytes.split(|&byte| byte == b'>').next().unwrap_or_default().to_ascii_lowercase();
-    let declares = |name: &[u8]| declaration.windows(name.len()).any(|part| part == name);
-    if declares(b"iso-8859-1") || declares(b"windows-1252") {
+    let latin_1: [&[u8]; 2] = [b"iso-8859-1", b"windows-1252"];
+    if latin_1.iter().any(|name| declaration.windows(name.len()).any(|part| part == *name)) {
         return Ok(bytes.iter().map(|&byte| char::from(byte)).collect::<String>().into());
     }
     Err(XmlProblem::unusable(line, "not in the encoding UTF-8".into()))

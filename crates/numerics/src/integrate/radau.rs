@@ -141,14 +141,13 @@ pub fn jacobian(
     let (mut jacobian, mut point) = (DMatrix::zeros(value.len(), at.len()), at.clone());
     for column in 0..at.len() {
         let by = f64::EPSILON.sqrt() * (1.0 + at[column].abs());
-        let mut difference = |by: f64| {
+        let difference = [by, -by].into_iter().find_map(|by| {
             point[column] = at[column] + by;
             let moved = function(&point);
             let step = point[column] - at[column];
             point[column] = at[column];
             moved.map(|moved| (moved - value) / step)
-        };
-        let difference = difference(by).or_else(|| difference(-by))?;
+        })?;
         jacobian.set_column(column, &difference);
     }
     jacobian.iter().all(|value| value.is_finite()).then_some(jacobian)
@@ -209,10 +208,6 @@ impl<'a, 'b, P: ImplicitProblem> RadauRun<'a, 'b, P> {
         let end = times[times.len() - 1];
         let n = y.len();
         let is_new = memory.is_none();
-        let first = || {
-            let step = FIRST * (next - t);
-            if budget.last_step() > 0.0 { step.min(budget.last_step()) } else { step }
-        };
         let mut integration = Self {
             problem,
             budget,
@@ -223,7 +218,7 @@ impl<'a, 'b, P: ImplicitProblem> RadauRun<'a, 'b, P> {
             slope: DVector::zeros(n),
             is_fresh: false,
             memory: memory.unwrap_or_else(|| RadauMemory {
-                step: first(),
+                step: first_step(next - t, budget),
                 jacobian: DMatrix::zeros(n, n),
                 is_slow: false,
                 factors: None,
@@ -333,16 +328,15 @@ impl<'a, 'b, P: ImplicitProblem> RadauRun<'a, 'b, P> {
             None => return self.renew_jacobian().map_or(Err(0.25), |()| Err(1.0)),
         };
         let error = self.error(&changes, &factors);
-        let scale = |error: f64| 0.9 * error.max(1e-16).powf(-1.0 / (STAGES + 1) as f64);
         if error.is_nan() || error > 1.0 {
             self.memory.factors = Some(factors);
             // the first step may be too long by far
-            return Err(if self.memory.last.is_none() { 0.1 } else { scale(error).clamp(0.1, 0.9) });
+            return Err(if self.memory.last.is_none() { 0.1 } else { step_factor(error).clamp(0.1, 0.9) });
         }
-        let mut factor = scale(error);
+        let mut factor = step_factor(error);
         if let Some(last) = &self.memory.last {
             // Gustafsson's prediction
-            factor = factor.min(factor * (h / last.size) * scale(error) / scale(last.error.max(1e-2)));
+            factor = factor.min(factor * (h / last.size) * step_factor(error) / step_factor(last.error.max(1e-2)));
         }
         self.y += changes.column(STAGES - 1);
         self.memory.last = Some(LastStep { size: h, changes, error });
@@ -353,19 +347,21 @@ impl<'a, 'b, P: ImplicitProblem> RadauRun<'a, 'b, P> {
     }
 
     fn factorise(&self, h: f64) -> Option<StageFactors> {
-        let shifted = |shift: f64| {
-            let mut matrix = -self.memory.jacobian.clone();
-            (0..matrix.nrows()).for_each(|k| matrix[(k, k)] += shift / h);
-            matrix
-        };
-        let real = shifted(GAMMA).lu();
-        let pair = |[re, im]: &[f64; 2]| {
-            let mut matrix = shifted(*re).map(|value| Complex::new(value, 0.0));
+        let real = self.shifted(GAMMA / h).lu();
+        let mut pairs = Vec::with_capacity(PAIRS.len());
+        for [re, im] in PAIRS {
+            let mut matrix = self.shifted(re / h).map(|value| Complex::new(value, 0.0));
             (0..matrix.nrows()).for_each(|k| matrix[(k, k)].im += im / h);
-            matrix.lu()
-        };
-        let pairs: Vec<_> = PAIRS.iter().map(pair).collect();
+            pairs.push(matrix.lu());
+        }
         (real.is_invertible() && pairs.iter().all(LU::is_invertible)).then_some(StageFactors { size: h, real, pairs })
+    }
+
+    /// The matrix `shift I - J` with the Jacobian `J` of the equations.
+    fn shifted(&self, shift: f64) -> DMatrix<f64> {
+        let mut matrix = -self.memory.jacobian.clone();
+        (0..matrix.nrows()).for_each(|k| matrix[(k, k)] += shift);
+        matrix
     }
 
     /// Newton's method: the changes at the nodes, one a column. None if it does not converge.
@@ -418,7 +414,6 @@ impl<'a, 'b, P: ImplicitProblem> RadauRun<'a, 'b, P> {
         for (stage, weight) in REAL_VECTOR.iter().enumerate() {
             step.column_mut(stage).axpy(*weight, &solution, 1.0);
         }
-        let complex = |[re, im]: [f64; 2]| Complex::new(re, im);
         for (pair, factors) in pairs.iter().enumerate() {
             let mut side = DVector::from_element(residual.nrows(), Complex::new(0.0, 0.0));
             for (column, weight) in residual.column_iter().zip(PAIR_ROWS[pair]) {
@@ -450,22 +445,35 @@ impl<'a, 'b, P: ImplicitProblem> RadauRun<'a, 'b, P> {
     /// Estimate of the error of a step, relative to the tolerance.
     fn error(&mut self, changes: &DMatrix<f64>, StageFactors { size: h, real, .. }: &StageFactors) -> f64 {
         let of_changes = changes * DVector::from_column_slice(&ERROR) * (GAMMA / h);
-        let solve = |slope: &DVector<f64>| real.solve(&(slope + &of_changes));
-        let Some(error) = solve(&self.slope) else { return f64::NAN };
+        let Some(error) = real.solve(&(&self.slope + &of_changes)) else { return f64::NAN };
         let norm = self.norm(&error);
         if norm < 1.0 || self.memory.last.is_some() {
             return norm;
         }
         // a stiff transient is overestimated: once more, filtered
         let slope = self.derivative(self.t, &(&self.y + error));
-        slope.and_then(|slope| solve(&slope)).map_or(norm, |error| self.norm(&error))
+        slope.and_then(|slope| real.solve(&(slope + &of_changes))).map_or(norm, |error| self.norm(&error))
     }
 
     /// Largest change of a state, relative to the tolerance.
     fn norm(&self, change: &DVector<f64>) -> f64 {
-        let of = |(change, y): (&f64, &f64)| change.abs() / (self.tolerance * (1.0 + y.abs()));
-        worst(change.iter().zip(&self.y).map(of))
+        worst(change.iter().zip(&self.y).map(|(change, y)| change.abs() / (self.tolerance * (1.0 + y.abs()))))
     }
+}
+
+/// Size of the first step of an integration, if the next time is at this distance; never more than the last step of the one before.
+fn first_step(distance: f64, budget: &Budget) -> f64 {
+    let step = FIRST * distance;
+    if budget.last_step() > 0.0 { step.min(budget.last_step()) } else { step }
+}
+
+/// Factor between the size of a step with this error and the size that just meets the tolerance, with a margin.
+fn step_factor(error: f64) -> f64 {
+    0.9 * error.max(1e-16).powf(-1.0 / (STAGES + 1) as f64)
+}
+
+fn complex([re, im]: [f64; 2]) -> Complex<f64> {
+    Complex::new(re, im)
 }
 
 #[cfg(test)]

@@ -406,8 +406,8 @@ fn list_or_none(items: &[String]) -> String {
 
 /// Problems of a file, one per line.
 fn lines_of(path: &Path, problems: &[(usize, String)]) -> String {
-    let line = |(line, problem): &(usize, String)| format!("{}:{line}: {problem}", path.display());
-    problems.iter().map(line).collect::<Vec<_>>().join("\n")
+    let lines = problems.iter().map(|(line, problem)| format!("{}:{line}: {problem}", path.display()));
+    lines.collect::<Vec<_>>().join("\n")
 }
 
 /// Kind of archive expected for a file name: an SSP archive or an FMU.

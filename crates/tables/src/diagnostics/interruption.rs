@@ -16,8 +16,11 @@ pub struct Interruption {
 /// Three lines.
 impl fmt::Display for Interruption {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let listed = |results: &[String]| if results.is_empty() { "nothing".into() } else { results.join(", ") };
         let Self { during, done, missing } = self;
         write!(f, "stopped by Ctrl-C while {during}\ndone: {}\nmissing: {}", listed(done), listed(missing))
     }
+}
+
+fn listed(results: &[String]) -> String {
+    if results.is_empty() { "nothing".into() } else { results.join(", ") }
 }

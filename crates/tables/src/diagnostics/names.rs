@@ -37,8 +37,7 @@ impl NameMatch {
 /// Message for names that are missing among the known ones: all of them, each with the closest of the names that are not used.
 /// `kind` is what they name, for instance "column". None if nothing is missing.
 pub fn missing(kind: &str, missing: &[&str], known: &[&str], unused: &[&str]) -> Option<String> {
-    let quoted = |names: &[&str]| -> Vec<String> { names.iter().map(|name| format!("`{name}`")).collect() };
-    let texts = quoted(missing);
+    let texts: Vec<String> = missing.iter().map(|name| format!("`{name}`")).collect();
     let texts: Vec<&str> = texts.iter().map(String::as_str).collect();
     let expected = if known.is_empty() { "none".into() } else { listed(known) };
     Some(match missing {
@@ -85,11 +84,11 @@ pub fn listed(names: &[&str]) -> String {
 /// other. Of several equally close names, the first.
 pub fn closest<'a>(found: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let (spelled, found) = (spellings(found), folded(found));
-    let distance = |name: &str| match is_respelling(&spelled, &spellings(name)) {
-        true => Some(0),
-        false => difference(&found, &folded(name)),
-    };
-    let ranked = known.into_iter().filter_map(|name| Some((distance(name)?, name)));
+    let ranked = known.into_iter().filter_map(|name| {
+        let is_respelled = is_respelling(&spelled, &spellings(name));
+        let letters = if is_respelled { 0 } else { difference(&found, &folded(name))? };
+        Some((letters, name))
+    });
     ranked.min_by_key(|(difference, _)| *difference).map(|(_, name)| name)
 }
 
@@ -134,10 +133,10 @@ fn spellings(name: &str) -> [String; 2] {
     let letters =
         |text: &str| -> String { text.chars().filter(|c| c.is_alphanumeric()).flat_map(char::to_lowercase).collect() };
     let trimmed = name.trim_end();
-    let is_unit = |inside: &str| inside.contains(|c: char| !c.is_ascii_digit());
     let without = [('[', ']'), ('(', ')')].into_iter().find_map(|(open, close)| {
         let (before, inside) = trimmed.strip_suffix(close)?.rsplit_once(open)?;
-        is_unit(inside).then_some(before)
+        // a unit, not an index
+        inside.contains(|c: char| !c.is_ascii_digit()).then_some(before)
     });
     [letters(name), letters(without.unwrap_or(name))]
 }

@@ -122,9 +122,9 @@ impl Origin {
     fn of_syntax(&self, root: &DeTable, errors: &[toml::de::Error]) -> Vec<Problem> {
         const MOST: usize = 10;
         let mut problems: Vec<Problem> = Vec::new();
-        let start = |error: &toml::de::Error| error.span().map_or(0, |span| span.start);
+        let starts = errors.iter().map(|error| error.span().map_or(0, |span| span.start));
         // what the parser says after the first mistake in a line is confused
-        let mut errors: Vec<(usize, &toml::de::Error)> = errors.iter().map(|error| (start(error), error)).collect();
+        let mut errors: Vec<(usize, &toml::de::Error)> = starts.zip(errors).collect();
         errors.sort_by_key(|(start, _)| *start);
         for (start, error) in errors {
             let line = self.line_at(start);
@@ -174,11 +174,11 @@ impl Origin {
         }
         let root = DeTable::parse(&self.text).ok();
         let breaks = self.breaks();
-        let locate = |KeyProblem { key, message }| {
+        let located = problems.into_iter().map(|KeyProblem { key, message }| {
             let offset = root.as_ref().map_or(0, |root| offset_of(root.get_ref(), &key));
             Problem { path: self.path.clone(), line: line_of(&breaks, offset), key, message }
-        };
-        problems.into_iter().map(locate).collect()
+        });
+        located.collect()
     }
 
     /// Byte offsets of the ends of all lines.
@@ -233,21 +233,23 @@ fn element<'a, 'k>(value: &'a Spanned<DeValue<'a>>, rest: &'k str) -> Option<(&'
 /// The shortest span of a name or value in the table that `span` lies in: its length and its dotted key.
 fn innermost(table: &DeTable, prefix: &str, span: &Range<usize>) -> Option<(usize, String)> {
     let separator = if prefix.is_empty() { "" } else { "." };
-    let of_entry = |(name, value): (&Spanned<_>, &Spanned<DeValue>)| {
+    let of_entries = table.iter().filter_map(|(name, value)| {
         let key = format!("{prefix}{separator}{}", Spanned::<Cow<str>>::get_ref(name));
         let by_name = around(&name.span(), span).map(|length| (length, key.clone()));
         by_name.into_iter().chain(innermost_of_value(value, &key, span)).min_by_key(|(length, _)| *length)
-    };
-    table.iter().filter_map(of_entry).min_by_key(|(length, _)| *length)
+    });
+    of_entries.min_by_key(|(length, _)| *length)
 }
 
 fn innermost_of_value(value: &Spanned<DeValue>, key: &str, span: &Range<usize>) -> Option<(usize, String)> {
     let inner = match value.get_ref() {
         DeValue::Table(table) => innermost(table, key, span),
         DeValue::Array(elements) => {
-            let elements = elements.iter().enumerate();
-            let of_element = |(index, element)| innermost_of_value(element, &format!("{key}[{index}]"), span);
-            elements.filter_map(of_element).min_by_key(|(length, _)| *length)
+            let of_elements = elements
+                .iter()
+                .enumerate()
+                .filter_map(|(index, element)| innermost_of_value(element, &format!("{key}[{index}]"), span));
+            of_elements.min_by_key(|(length, _)| *length)
         }
         _ => None,
     };

@@ -48,8 +48,9 @@ impl Problems {
 
     /// Adds the problems of a section, whose keys are within it.
     pub fn add_section(&mut self, section: &str, problems: impl IntoIterator<Item = KeyProblem>) {
-        let within = |problem: KeyProblem| KeyProblem { key: format!("{section}.{}", problem.key), ..problem };
-        self.0.extend(problems.into_iter().map(within));
+        for KeyProblem { key, message } in problems {
+            self.0.push(KeyProblem { key: format!("{section}.{key}"), message });
+        }
     }
 
     /// Returns true if there are no problems.

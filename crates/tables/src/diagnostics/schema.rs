@@ -129,8 +129,8 @@ impl Check<'_> {
                 None if *others == Value::Bool(false) => {
                     let known: Vec<&str> = properties.keys().map(String::as_str).collect();
                     // of two that are equally close the one that is not given yet
-                    let is_given = |name: &str| table.iter().any(|(given, _)| Spanned::get_ref(given) == name);
-                    let (given, open): (Vec<&str>, Vec<&str>) = known.iter().copied().partition(|name| is_given(name));
+                    let (given, open): (Vec<&str>, Vec<&str>) =
+                        known.iter().copied().partition(|name| has_key(table, name));
                     let suggestion = did_you_mean(name, open.into_iter().chain(given));
                     self.add(&key, offset, format!("unknown key `{name}`, expected {}{suggestion}", one_of(&known)));
                 }
@@ -138,7 +138,7 @@ impl Check<'_> {
             }
         }
         let required = schema.get("required").and_then(Value::as_array).into_iter().flatten().filter_map(Value::as_str);
-        for name in required.filter(|name| !table.iter().any(|(known, _)| Spanned::get_ref(known) == name)) {
+        for name in required.filter(|name| !has_key(table, name)) {
             let message = format!("`{name}` is missing");
             self.mistakes.push(Mistake { key: prefix.into(), offset, message, is_missing: true });
         }
@@ -220,11 +220,16 @@ fn is_of_type(schema: &Value, value: &DeValue) -> bool {
 pub fn choices(schema: &Value) -> Vec<&str> {
     let listed = schema.get("enum").and_then(Value::as_array).into_iter().flatten();
     let described = schema.get("oneOf").and_then(Value::as_array).into_iter().flatten();
-    let constant = |one: &Value| one.get("const").is_some();
     // schemars lists choices without a description in one `enum` among the others
-    let described =
-        described.flat_map(|one| if constant(one) { one.get("const").into_iter().collect() } else { listed_in(one) });
+    let described = described.flat_map(|choice| match choice.get("const") {
+        Some(constant) => vec![constant],
+        None => listed_in(choice),
+    });
     listed.chain(described).filter_map(Value::as_str).collect()
+}
+
+fn has_key(table: &DeTable, name: &str) -> bool {
+    table.iter().any(|(known, _)| Spanned::get_ref(known) == name)
 }
 
 fn listed_in(schema: &Value) -> Vec<&Value> {
@@ -233,8 +238,8 @@ fn listed_in(schema: &Value) -> Vec<&Value> {
 
 /// Least and largest number of elements of a list; the largest one is the least one unless the schema has it.
 fn lengths(schema: &Value) -> Option<[u64; 2]> {
-    let number = |key: &str| schema.get(key).and_then(Value::as_u64);
-    number("minItems").map(|least| [least, number("maxItems").unwrap_or(least)])
+    let least = schema.get("minItems").and_then(Value::as_u64)?;
+    Some([least, schema.get("maxItems").and_then(Value::as_u64).unwrap_or(least)])
 }
 
 /// The type as text.

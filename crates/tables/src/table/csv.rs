@@ -204,9 +204,8 @@ impl<'a> Csv<'a> {
     /// Takes the second row for units if it holds no number.
     fn read_units(&mut self, columns: &mut [TableColumn]) -> Result<()> {
         self.is_waiting = self.next_row()?;
-        let is_number = |field: Cow<'_, str>| field.replacen(',', ".", 1).parse::<f64>().is_ok();
-        let mut fields = self.record.fields();
-        if self.is_waiting && !self.record.fields().any(is_number) && fields.any(|field| !field.is_empty()) {
+        let has_number = self.record.fields().any(|field| field.replacen(',', ".", 1).parse::<f64>().is_ok());
+        if self.is_waiting && !has_number && self.record.fields().any(|field| !field.is_empty()) {
             for (column, field) in columns.iter_mut().zip(self.record.fields()) {
                 let unit = bracketed(&field).unwrap_or(&field);
                 column.unit = Some(unit.to_owned()).filter(|unit| !unit.is_empty()).or(column.unit.take());
@@ -243,8 +242,11 @@ fn separator(header: &[u8]) -> u8 {
 
 /// Text in UTF-8, or else Latin-1, whose bytes are the first characters of Unicode.
 fn decode(bytes: &[u8]) -> Cow<'_, str> {
-    let latin_1 = |_| bytes.iter().map(|&byte| char::from(byte)).collect::<String>().into();
-    std::str::from_utf8(bytes).map_or_else(latin_1, Cow::from)
+    match std::str::from_utf8(bytes) {
+        Ok(text) => text.into(),
+        // Latin 1
+        Err(_) => bytes.iter().map(|&byte| char::from(byte)).collect::<String>().into(),
+    }
 }
 
 fn trim_end(line: &[u8]) -> &[u8] {

@@ -191,12 +191,12 @@ impl Parquet {
                 ColumnReader::DoubleColumnReader(reader) => Chunk::Doubles(read(reader, skip, count)?),
                 ColumnReader::FloatColumnReader(reader) => Chunk::Doubles(map(read(reader, skip, count)?, f64::from)),
                 ColumnReader::Int32ColumnReader(reader) => {
-                    let integer = |value: i32| if is_unsigned { (value as u32).into() } else { value.into() };
-                    Chunk::Integers(map(read(reader, skip, count)?, integer))
+                    let values = read(reader, skip, count)?;
+                    Chunk::Integers(map(values, |value| if is_unsigned { (value as u32).into() } else { value.into() }))
                 }
                 ColumnReader::Int64ColumnReader(reader) => {
-                    let integer = |value: i64| if is_unsigned { (value as u64).into() } else { value.into() };
-                    Chunk::Integers(map(read(reader, skip, count)?, integer))
+                    let values = read(reader, skip, count)?;
+                    Chunk::Integers(map(values, |value| if is_unsigned { (value as u64).into() } else { value.into() }))
                 }
                 ColumnReader::BoolColumnReader(reader) => Chunk::Integers(map(read(reader, skip, count)?, i128::from)),
                 ColumnReader::ByteArrayColumnReader(reader) => Chunk::Texts(read(reader, skip, count)?),

@@ -28,12 +28,11 @@ impl StampUnit {
 
     /// Takes a further stamp: the unit is that of the one with the most decimals.
     pub fn see(&mut self, stamp: f64) {
-        let is_multiple = |decimals: &i32| {
+        let decimals = (0..=MOST_DECIMALS).find(|decimals| {
             let power = 10f64.powi(*decimals);
             (stamp * power).round() / power == stamp
-        };
-        let unit = (0..=MOST_DECIMALS).find(is_multiple).map_or(0.0, |decimals| 10f64.powi(-decimals));
-        self.0 = self.0.min(unit);
+        });
+        self.0 = self.0.min(decimals.map_or(0.0, |decimals| 10f64.powi(-decimals)));
     }
 
     /// By how much a stamp may be off in rows that are `step` apart: half a unit, or the share `exact` of the step.
@@ -59,22 +58,28 @@ pub fn period(stamps: &[f64]) -> Option<f64> {
         return None;
     }
     let unit = StampUnit::of(stamps);
-    // periods that give the stamps, the one of least squares if it does
-    let possible = |exact: f64| {
-        let tolerance = unit.tolerance(slope, exact);
-        let limits =
-            stamps.iter().enumerate().skip(1).map(|(row, stamp)| {
-                [stamp - first - tolerance, stamp - first + tolerance].map(|since| since / row as f64)
-            });
-        let [least, most] =
-            limits.fold([0.0f64, f64::INFINITY], |[least, most], [low, high]| [least.max(low), most.min(high)]);
-        (least <= most).then(|| (slope.clamp(least, most), least..=most))
-    };
-    let shortest = |(period, possible): (f64, RangeInclusive<f64>)| {
-        let rounded = (0..16).map(|digits: usize| format!("{period:.digits$e}").parse().unwrap_or(period));
-        rounded.into_iter().find(|rounded: &f64| possible.contains(rounded)).unwrap_or(period)
-    };
-    possible(1e-9).map(shortest).or_else(|| possible(1e-6).map(|(period, _)| period))
+    if let Some(possible) = possible_periods(stamps, unit.tolerance(slope, 1e-9)) {
+        return Some(shortest_number(slope.clamp(*possible.start(), *possible.end()), &possible));
+    }
+    let possible = possible_periods(stamps, unit.tolerance(slope, 1e-6))?;
+    Some(slope.clamp(*possible.start(), *possible.end()))
+}
+
+/// Periods that give all stamps within a tolerance.
+fn possible_periods(stamps: &[f64], tolerance: f64) -> Option<RangeInclusive<f64>> {
+    let (mut least, mut most) = (0.0f64, f64::INFINITY);
+    for (row, stamp) in stamps.iter().enumerate().skip(1) {
+        let since_first = stamp - stamps[0];
+        least = least.max((since_first - tolerance) / row as f64);
+        most = most.min((since_first + tolerance) / row as f64);
+    }
+    (least <= most).then_some(least..=most)
+}
+
+/// The number with the fewest digits in a range, among those that a number in it is rounded to.
+fn shortest_number(number: f64, range: &RangeInclusive<f64>) -> f64 {
+    let rounded = (0..16).map(|digits: usize| format!("{number:.digits$e}").parse().unwrap_or(number));
+    rounded.into_iter().find(|rounded| range.contains(rounded)).unwrap_or(number)
 }
 
 /// The first row that is not where the rows before it lead to, and where that is, in seconds: no period gives the stamps up to one of the
@@ -89,8 +94,8 @@ pub fn uneven(stamps: &[f64]) -> Option<(usize, f64)> {
         let [low, high] = [-tolerance, tolerance].map(|off| (stamp - first + off) / row as f64);
         if low > most || high < least {
             let expected = |row: usize| first + middles[row - 1] * row as f64;
-            let is_off = |row: &usize| (stamps[*row] - expected(*row)).abs() > tolerance;
-            let found = (row.saturating_sub(2).max(2)..row).find(is_off).unwrap_or(row);
+            let mut before = row.saturating_sub(2).max(2)..row;
+            let found = before.find(|&row| (stamps[row] - expected(row)).abs() > tolerance).unwrap_or(row);
             return Some((found, (expected(found) * 1e9).round() / 1e9));
         }
         (least, most) = (least.max(low), most.min(high));

@@ -14,7 +14,7 @@ use parquet::{
         properties::{EnabledStatistics, WriterProperties},
         writer::SerializedFileWriter,
     },
-    schema::types::{ColumnPath, Type},
+    schema::types::{ColumnPath, PrimitiveTypeBuilder, Type},
 };
 use rayon::prelude::*;
 use schemars::JsonSchema;
@@ -221,30 +221,34 @@ fn parquet(names: &[String], first: &[Block]) -> Result<SerializedFileWriter<Vec
         .set_statistics_enabled(EnabledStatistics::Chunk)
         .set_dictionary_enabled(false);
     for (column, name) in names.iter().enumerate() {
-        let values = || first.iter().map(|block| &block[column]);
-        let field = |physical| Type::primitive_type_builder(name, physical).with_repetition(Repetition::REQUIRED);
-        let field = match values().next() {
+        let mut values = first.iter().map(|block| &block[column]);
+        let field = match values.clone().next() {
             Some(Values::Labels(_)) => {
                 properties = properties.set_column_dictionary_enabled(ColumnPath::from(vec![name.clone()]), true);
-                if values().all(|values| matches!(values, Values::Labels(labels) if labels.iter().all(is_whole))) {
-                    field(Physical::INT64)
+                if values.all(|values| matches!(values, Values::Labels(labels) if labels.iter().all(is_whole))) {
+                    required_field(name, Physical::INT64)
                 } else {
-                    field(Physical::BYTE_ARRAY)
+                    required_field(name, Physical::BYTE_ARRAY)
                         .with_logical_type(Some(LogicalType::String))
                         .with_converted_type(ConvertedType::UTF8)
                 }
             }
             Some(Values::Integers(_)) => {
                 properties = properties.set_column_dictionary_enabled(ColumnPath::from(vec![name.clone()]), true);
-                field(Physical::INT64)
+                required_field(name, Physical::INT64)
             }
-            Some(Values::Flags(_)) => field(Physical::BOOLEAN),
-            Some(Values::Numbers(_)) | None => field(Physical::DOUBLE),
+            Some(Values::Flags(_)) => required_field(name, Physical::BOOLEAN),
+            Some(Values::Numbers(_)) | None => required_field(name, Physical::DOUBLE),
         };
         fields.push(Arc::new(field.build()?));
     }
     let schema = Type::group_type_builder("schema").with_fields(fields).build()?;
     SerializedFileWriter::new(Vec::new(), Arc::new(schema), Arc::new(properties.build()))
+}
+
+/// A column without missing values.
+fn required_field(name: &str, physical: Physical) -> PrimitiveTypeBuilder<'_> {
+    Type::primitive_type_builder(name, physical).with_repetition(Repetition::REQUIRED)
 }
 
 /// Returns true if a label is a whole number in its usual form: not `007`.

@@ -73,8 +73,8 @@ impl Slopes {
 
     /// The derivative that is nearest to a number.
     pub(super) fn nearest(&self, found: f64) -> FiniteDifference {
-        let distance = |slope: &&FiniteDifference| (slope.value - found).abs();
-        *self.0.iter().min_by(|a, b| distance(a).total_cmp(&distance(b))).expect("there is at least one")
+        let distances = self.0.iter().map(|slope| ((slope.value - found).abs(), slope));
+        *distances.min_by(|(a, _), (b, _)| a.total_cmp(b)).expect("there is at least one").1
     }
 
     /// Largest magnitude of the derivatives.
@@ -113,28 +113,32 @@ impl Neighborhood {
     fn kink(&self) -> Option<f64> {
         let rounding = self.rounding_of_sides();
         let jumps: Vec<f64> = zip(&self.above, &self.below).map(|(above, below)| (above - below).abs()).collect();
-        let is_kink = |(pair, step): (&[f64], &f64)| {
+        let are = zip(jumps.windows(2), &STEPS).map(|(pair, step)| {
             let is_beyond = pair[0] * step * self.magnitude > BEYOND_ROUNDING * rounding;
             is_beyond && (AT_A_KINK[0]..AT_A_KINK[1]).contains(&(pair[0] / pair[1]))
-        };
-        let are: Vec<bool> = zip(jumps.windows(2), &STEPS).map(is_kink).collect();
+        });
+        let are: Vec<bool> = are.collect();
         let last = are.windows(RATIOS).position(|are| are.iter().all(|is| *is))? + RATIOS;
         Some(jumps[last])
+    }
+
+    /// Share of rounding in the derivative of one side by a step.
+    fn noise(&self, step: f64) -> f64 {
+        self.rounding_of_sides() / (step * self.magnitude)
     }
 
     /// Derivatives near a kink of this size. Where it is farther away than the shortest step that rounding leaves, that step shows the
     /// derivative. A side that is not straight has the kink in it.
     fn near_kink(&self, size: f64) -> Vec<FiniteDifference> {
-        let straight = |from: usize| (self.straight[from + 1] - self.straight[from]) / (STRAIGHT * self.magnitude);
-        let shortest = (STRAIGHT, [straight(2), straight(3)]);
+        let straight = [2, 3].map(|from| (self.straight[from + 1] - self.straight[from]) / (STRAIGHT * self.magnitude));
+        let shortest = (STRAIGHT, straight);
         let longer = zip(&STEPS, zip(&self.below, &self.above)).map(|(step, (below, above))| (*step, [*below, *above]));
         let steps: Vec<(f64, [f64; 2])> = std::iter::once(shortest).chain(longer).collect();
-        let noise = |step: f64| self.rounding_of_sides() / (step * self.magnitude);
-        let finest = steps.iter().position(|(step, _)| BEYOND_ROUNDING * noise(*step) <= RESOLVED * size);
+        let finest = steps.iter().position(|(step, _)| BEYOND_ROUNDING * self.noise(*step) <= RESOLVED * size);
         let finest = finest.unwrap_or(steps.len()).min(steps.len() - 2);
         let ((step, near), (_, farther)) = (steps[finest], steps[finest + 1]);
         let unseen = self.last_digit() / (step * self.magnitude);
-        let slope = |value: f64, error: f64| FiniteDifference { value, error: error.max(noise(step)), unseen };
+        let slope = |value: f64, error: f64| FiniteDifference { value, error: error.max(self.noise(step)), unseen };
         let [below, above] = near;
         let mean = 0.5 * (below + above);
         let [of_below, of_above] = [0, 1].map(|side| (near[side] - farther[side]).abs());
@@ -154,11 +158,13 @@ impl Neighborhood {
     /// slopes might agree by chance.
     fn smooth(&self) -> FiniteDifference {
         let values: Vec<f64> = zip(&self.above, &self.below).map(|(above, below)| 0.5 * (above + below)).collect();
-        let disagreement = |of: &[f64]| (of[1] - of[0]).abs().max((of[2] - of[1]).abs());
-        let differences = zip(values.windows(3), &STEPS[1..]).map(|(of, step)| FiniteDifference {
-            value: of[1],
-            error: disagreement(of).max(self.rounding() / (step * self.magnitude)),
-            unseen: self.last_digit() / (step * self.magnitude),
+        let differences = zip(values.windows(3), &STEPS[1..]).map(|(of, step)| {
+            let disagreement = (of[1] - of[0]).abs().max((of[2] - of[1]).abs());
+            FiniteDifference {
+                value: of[1],
+                error: disagreement.max(self.rounding() / (step * self.magnitude)),
+                unseen: self.last_digit() / (step * self.magnitude),
+            }
         });
         differences.min_by(|a, b| a.error.total_cmp(&b.error)).expect("there are several steps")
     }

@@ -88,15 +88,9 @@ impl Fmi2Reader {
     }
 
     fn variable_type(&mut self, element: &Element) -> VariableType {
-        let integer = || Integer {
-            width: Width::Int32,
-            min: number(element, "min"),
-            max: number(element, "max"),
-            start: number(element, "start"),
-        };
         match element.name.as_str() {
-            "Integer" => VariableType::Integer(integer()),
-            "Enumeration" => VariableType::Enumeration(integer()),
+            "Integer" => VariableType::Integer(integer(element)),
+            "Enumeration" => VariableType::Enumeration(integer(element)),
             "Boolean" => VariableType::Boolean { start: element.attribute("start").and_then(parse_boolean) },
             "String" => VariableType::String { start: text(element, "start") },
             _ => VariableType::Real(RealAttributes {
@@ -113,13 +107,16 @@ impl Fmi2Reader {
     }
 
     fn structure(&mut self, element: &Element) -> ModelStructure {
-        let mut list = |name| element.list(name).filter_map(|unknown| self.unknown(unknown)).collect();
         ModelStructure {
-            outputs: list("Outputs"),
-            derivatives: list("Derivatives"),
-            initial_unknowns: list("InitialUnknowns"),
+            outputs: self.unknowns(element, "Outputs"),
+            derivatives: self.unknowns(element, "Derivatives"),
+            initial_unknowns: self.unknowns(element, "InitialUnknowns"),
             ..ModelStructure::default()
         }
+    }
+
+    fn unknowns(&mut self, element: &Element, name: &str) -> Vec<Unknown> {
+        element.list(name).filter_map(|unknown| self.unknown(unknown)).collect()
     }
 
     fn unknown(&mut self, element: &Element) -> Option<Unknown> {
@@ -170,5 +167,14 @@ fn co_simulation(element: &Element) -> CoSimulation {
         max_output_derivative_order: number(element, "maxOutputDerivativeOrder").unwrap_or_default(),
         run_asynchronously: flag(element, "canRunAsynchronuously"),
         ..CoSimulation::default()
+    }
+}
+
+fn integer(element: &Element) -> Integer {
+    Integer {
+        width: Width::Int32,
+        min: number(element, "min"),
+        max: number(element, "max"),
+        start: number(element, "start"),
     }
 }

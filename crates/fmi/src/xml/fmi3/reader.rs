@@ -88,10 +88,7 @@ impl Fmi3Reader {
         let allowed = Initial::allowed(FmiVersion::V3, causality, variability);
         let default = allowed.and_then(|allowed| allowed.first().copied());
         let is_clock = matches!(kind, VariableType::Clock { .. });
-        let references = |attribute| {
-            let list = element.attribute(attribute).unwrap_or_default();
-            list.split_whitespace().filter_map(|reference| reference.parse().ok()).collect::<Vec<u32>>()
-        };
+        let clocks = element.attribute("clocks").unwrap_or_default().split_whitespace();
         ScalarVariable {
             name: text(element, "name").unwrap_or_default(),
             value_reference: number(element, "valueReference").unwrap_or_default(),
@@ -103,7 +100,7 @@ impl Fmi3Reader {
             declared_type: text(element, "declaredType"),
             kind,
             dimensions: children(element, "Dimension").filter_map(|child| self.dimension(child)).collect(),
-            clocks: references("clocks"),
+            clocks: clocks.filter_map(|reference| reference.parse().ok()).collect(),
             intermediate_update: flag(element, "intermediateUpdate"),
             aliases: children(element, "Alias").map(alias).collect(),
         }
@@ -111,16 +108,16 @@ impl Fmi3Reader {
 
     /// `of` is the type: a definition's element has another name than a variable's.
     fn variable_type(&mut self, element: &Element, of: &str) -> VariableType {
-        let start = || element.attribute("start").and_then(|list| list.split_whitespace().next());
-        let first_start = || element.child("Start").map(|start| text(start, "value").unwrap_or_default());
+        let start = element.attribute("start").and_then(|list| list.split_whitespace().next());
+        let first_start = element.child("Start").map(|start| text(start, "value").unwrap_or_default());
         if let Some(width) = Width::from_name(of) {
             return VariableType::Integer(self.integer(element, width));
         }
         match of {
             "Enumeration" => VariableType::Enumeration(self.integer(element, Width::Int64)),
-            "Boolean" => VariableType::Boolean { start: start().and_then(parse_boolean) },
-            "String" => VariableType::String { start: first_start() },
-            "Binary" => VariableType::Binary { start: first_start() },
+            "Boolean" => VariableType::Boolean { start: start.and_then(parse_boolean) },
+            "String" => VariableType::String { start: first_start },
+            "Binary" => VariableType::Binary { start: first_start },
             "Clock" => VariableType::Clock { interval: name(element, "intervalVariability") },
             _ => VariableType::Real(RealAttributes {
                 single: of == "Float32",
@@ -129,7 +126,7 @@ impl Fmi3Reader {
                 min: real(element, "min"),
                 max: real(element, "max"),
                 nominal: real(element, "nominal"),
-                start: start().and_then(parse_real),
+                start: start.and_then(parse_real),
                 derivative: element.attribute("derivative").and_then(|reference| self.position(element, reference)),
             }),
         }
@@ -199,14 +196,17 @@ impl Fmi3Reader {
     }
 
     fn structure(&mut self, element: &Element) -> ModelStructure {
-        let mut list = |name| children(element, name).filter_map(|unknown| self.unknown(unknown)).collect();
         ModelStructure {
-            outputs: list("Output"),
-            derivatives: list("ContinuousStateDerivative"),
-            clocked_states: list("ClockedState"),
-            initial_unknowns: list("InitialUnknown"),
-            event_indicators: list("EventIndicator"),
+            outputs: self.unknowns(element, "Output"),
+            derivatives: self.unknowns(element, "ContinuousStateDerivative"),
+            clocked_states: self.unknowns(element, "ClockedState"),
+            initial_unknowns: self.unknowns(element, "InitialUnknown"),
+            event_indicators: self.unknowns(element, "EventIndicator"),
         }
+    }
+
+    fn unknowns(&mut self, element: &Element, name: &'static str) -> Vec<Unknown> {
+        children(element, name).filter_map(|unknown| self.unknown(unknown)).collect()
     }
 
     fn unknown(&mut self, element: &Element) -> Option<Unknown> {

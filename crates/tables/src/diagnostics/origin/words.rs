@@ -51,11 +51,14 @@ const NUMBERS: [&str; 6] = [
 
 /// The characters around a place that a number could have.
 fn token(text: &str, at: usize) -> &str {
-    let separates = |c: char| c.is_whitespace() || "=[]{}#\"'".contains(c);
     let (before, after) = (text.get(..at).unwrap_or_default(), text.get(at..).unwrap_or_default());
     let begin = at - before.rsplit(separates).next().map_or(0, str::len);
     let end = at + after.find(separates).unwrap_or(after.len());
     text.get(begin..end).unwrap_or_default().trim_matches(',')
+}
+
+fn separates(c: char) -> bool {
+    c.is_whitespace() || "=[]{}#\"'".contains(c)
 }
 
 fn line(text: &str, at: usize) -> &str {
