@@ -8,10 +8,7 @@ mod names;
 use super::{
     constraint::{BoundExpression, Constraint, Constraints, Slot, Target},
     coordinate::{BodyPoint, Coordinate},
-    description::{
-        CouplingOptions, Description, DriverOptions, JointOptions, JointType, MechanismInput, MechanismOutput,
-        PlaneVector,
-    },
+    description::{CouplingOptions, Description, JointOptions, JointType, MechanismOutput, PlaneVector},
     expression::{Expression, Tables},
     joints::{Driver, Ends, Joint, JointOption},
     measure::Measure,
@@ -132,8 +129,9 @@ pub fn limits(description: &Description, values: &[f64]) -> Vec<(Coordinate, [f6
     let stops = description.stops.values();
     let limits = stops.filter_map(|stop| {
         let coordinate = builder.coordinate(&stop.coordinate).ok()?;
-        let mut limit = |of: &Option<Expression>, none| of.as_ref().map_or(none, |of| builder.number("", of));
-        Some((coordinate, [limit(&stop.min, f64::NEG_INFINITY), limit(&stop.max, f64::INFINITY)]))
+        let min = stop.min.as_ref().map_or(f64::NEG_INFINITY, |min| builder.number("", min));
+        let max = stop.max.as_ref().map_or(f64::INFINITY, |max| builder.number("", max));
+        Some((coordinate, [min, max]))
     });
     limits.collect()
 }
@@ -189,17 +187,17 @@ impl<'a> MultibodyBuilder<'a> {
         let (initial_positions, initial_velocities) = self.initial();
         let (springs, of_springs) = self.springs();
         let (constraints, prescribed) = (self.constraints(), self.prescribed());
-        let still = |driver: &Prescribed| Constraint {
+        let still = prescribed.iter().map(|driver| Constraint {
             coordinate: driver.coordinate,
             target: Target::Fixed { value: 0.0, rate: 0.0 },
             owner: driver.owner.clone(),
-        };
+        });
         MultibodyModel {
             formulation: description.formulation,
             tolerance: TOLERANCE,
             mass: DVector::from_vec(mass),
             gravity: self.vector("gravity", &description.gravity),
-            deciding: constraints.iter().cloned().chain(prescribed.iter().map(still)).collect(),
+            deciding: constraints.iter().cloned().chain(still).collect(),
             constraints,
             redundant: Constraints::default(),
             prescribed,
@@ -231,8 +229,7 @@ impl<'a> MultibodyBuilder<'a> {
             let coordinate = self.coordinate_of(&owner, coordinate);
             let follows = self.bound(&format!("{owner}.follows"), follows, Scope::Positions);
             if let (Some(coordinate), Some(follows)) = (coordinate, follows) {
-                let is_itself = |slot: &Slot| matches!(slot, Slot::Position(of) if *of == coordinate);
-                if follows.slots.iter().any(is_itself) {
+                if follows.slots.iter().any(|slot| matches!(slot, Slot::Position(of) if *of == coordinate)) {
                     self.problem(
                         &format!("{owner}.follows"),
                         format!("`{}` names the coordinate itself", follows.text),
@@ -259,8 +256,7 @@ impl<'a> MultibodyBuilder<'a> {
             let Some(Ok(motion)) = driver.motion.as_ref().map(|motion| motion.with_variables(&self.variables)) else {
                 continue;
             };
-            let is_fixed = |name: &str| self.description.parameters.contains_key(name);
-            if let Some(function) = motion.kinked_function(is_fixed) {
+            if let Some(function) = motion.kinked_function(|name| self.description.parameters.contains_key(name)) {
                 let message = "has no rate at its kinks, expected for instance `step` where other motions are free";
                 self.problem(&format!("drivers.{name}.motion"), format!("`{motion}`: `{function}` {message}"));
             }
@@ -334,12 +330,12 @@ impl<'a> MultibodyBuilder<'a> {
 
     fn inputs(&self) -> Vec<MultibodyInput> {
         let inputs = self.description.inputs.iter();
-        let input = |(name, input): (&String, &MechanismInput)| MultibodyInput {
+        let inputs = inputs.map(|(name, input)| MultibodyInput {
             name: name.clone(),
             range: [input.min, input.max],
             signal: Signal::Constant(input.start),
-        };
-        inputs.map(input).collect()
+        });
+        inputs.collect()
     }
 
     /// States of actuators and controllers.
@@ -419,19 +415,18 @@ impl<'a> MultibodyBuilder<'a> {
 
     /// A joint's constraints; those of the joint after the last are empty and where the couplings begin.
     fn joint_rows(&self, index: usize) -> Range<usize> {
-        let count = |joint: &Joint| joint.held().len();
-        let before: usize = self.joints.iter().take(index).map(count).sum();
-        before..before + self.joints.get(index).map_or(0, count)
+        let before: usize = self.joints.iter().take(index).map(|joint| joint.held().len()).sum();
+        before..before + self.joints.get(index).map_or(0, |joint| joint.held().len())
     }
 
     /// A driver's multiplier: after those of joints and couplings those of motions, then those of accelerations.
     fn driver_row(&self, index: usize) -> usize {
-        let drivers = || self.description.drivers.values();
-        let is_motion = |driver: &&DriverOptions| driver.motion.is_some();
-        let before = drivers().take(index);
-        let before = match drivers().nth(index).filter(is_motion) {
-            Some(_) => before.filter(is_motion).count(),
-            None => drivers().filter(is_motion).count() + before.filter(|driver| !is_motion(driver)).count(),
+        let are_motions: Vec<bool> = self.description.drivers.values().map(|driver| driver.motion.is_some()).collect();
+        let motions = are_motions.iter().filter(|is_motion| **is_motion).count();
+        let before = are_motions.iter().take(index);
+        let before = match are_motions.get(index) {
+            Some(true) => before.filter(|is_motion| **is_motion).count(),
+            _ => motions + before.filter(|is_motion| !**is_motion).count(),
         };
         self.joint_rows(self.joints.len()).start + self.description.couplings.len() + before
     }
@@ -536,13 +531,14 @@ impl<'a> MultibodyBuilder<'a> {
                 }
             }
         }
-        let kinked = |name: &&str| self.tables.get(*name).is_some_and(|table| !table.is_smooth());
-        if let Some(name) = expression.tables().find(kinked).filter(|_| !of_state) {
+        let mut kinked =
+            expression.tables().filter(|name| self.tables.get(*name).is_some_and(|table| !table.is_smooth()));
+        if let Some(name) = kinked.next().filter(|_| !of_state) {
             let expected = "expected `interpolation = \"cubic\"` and `extrapolation = \"linear\"` or `\"periodic\"`";
             self.problem(key, format!("`{expression}`: the table `{name}` has no rate at its kinks, {expected}"));
         }
-        let is_fixed = |name: &str| self.description.parameters.contains_key(name);
-        if let Some(name) = expression.kinked_function(is_fixed).filter(|_| allowed == Scope::Positions) {
+        let kinked_function = expression.kinked_function(|name| self.description.parameters.contains_key(name));
+        if let Some(name) = kinked_function.filter(|_| allowed == Scope::Positions) {
             self.problem(
                 key,
                 format!("`{expression}`: `{name}` has no rate at its kinks, expected for instance `step`"),

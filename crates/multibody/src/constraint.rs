@@ -232,8 +232,8 @@ impl Constraints {
 
     /// `F_c`: what `C_q qdd` must be.
     pub fn acceleration_side(&self, t: f64, q: &impl Positions, v: &DVector<f64>) -> DVector<f64> {
-        let side = |constraint: &Constraint| constraint.target.at(t).second - constraint.curvature(q, v);
-        DVector::from_iterator(self.len(), self.iter().map(side))
+        let sides = self.iter().map(|constraint| constraint.target.at(t).second - constraint.curvature(q, v));
+        DVector::from_iterator(self.len(), sides)
     }
 
     /// Largest violation of positions (m, rad) and velocities (m/s, rad/s).
@@ -263,10 +263,10 @@ impl Constraints {
     fn violations(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>) -> Vec<f64> {
         let q = &TurnedBodies::new(q);
         let (positions, rates) = (self.residual(t, q), self.gradients(q).along(v) - self.target_rates(t));
-        let larger = |(position, rate): (&f64, &f64)| {
+        let larger = positions.iter().zip(&rates).map(|(position, rate)| {
             if position.abs().total_cmp(&rate.abs()).is_gt() { position.abs() } else { rate.abs() }
-        };
-        positions.iter().zip(&rates).map(larger).collect()
+        });
+        larger.collect()
     }
 
     /// Corrects `q` by Newton's method with the smallest corrections, `dq = -C_q^T (C_q C_q^T)^-1 C`, until rounding is
@@ -312,7 +312,7 @@ impl Constraints {
             let Some(step) = solve(&gradients, &residual) else { break };
             // turning a body of a kilometre by a radian moves its end by a kilometre
             let length = self.lever_arm(&gradients).max(1.0);
-            let Some((better, left)) = self.shortened(t, q, &step, (&residual, length)) else { break };
+            let Some((better, left)) = self.shortened(t, q, &step, &residual, length) else { break };
             (*q, residual) = (better, left);
         }
         if residual.amax() <= 1e-12 * (1.0 + q.amax()) {
@@ -335,18 +335,22 @@ impl Constraints {
         t: f64,
         q: &DVector<f64>,
         step: &DVector<f64>,
-        (residual, length): (&DVector<f64>, f64),
+        residual: &DVector<f64>,
+        length: f64,
     ) -> Option<(DVector<f64>, DVector<f64>)> {
-        let violation = |residual: &DVector<f64>| {
-            let of_row = |(row, gap): (&Constraint, &f64)| if row.coordinate.is_angle() { *gap } else { *gap / length };
-            self.iter().zip(residual.iter()).map(of_row).map(|gap| gap * gap).sum::<f64>()
-        };
-        let before = violation(residual);
+        let before = self.squared_violation(residual, length);
         (0..12).find_map(|halvings| {
             let better = q - step * 0.5f64.powi(halvings);
             let left = self.residual(t, &TurnedBodies::new(&better));
-            (violation(&left) < before).then_some((better, left))
+            (self.squared_violation(&left, length) < before).then_some((better, left))
         })
+    }
+
+    /// Sum of the squares of a residual, lengths in parts of `length`.
+    fn squared_violation(&self, residual: &DVector<f64>, length: f64) -> f64 {
+        let gaps = self.iter().zip(residual.iter());
+        let gaps = gaps.map(|(row, gap)| if row.coordinate.is_angle() { *gap } else { *gap / length });
+        gaps.map(|gap| gap * gap).sum()
     }
 
     /// The velocities closest to `v` that the constraints allow.
@@ -382,8 +386,10 @@ impl Constraints {
 
     /// The error of a driver without a finite motion, rate or acceleration.
     pub fn undefined_motion(&self, t: f64) -> Option<MotionError> {
-        let is_finite = |Jet { value, first, second }: Jet| [value, first, second].iter().all(|x| x.is_finite());
-        let undefined = self.iter().find(|constraint| !is_finite(constraint.target.at(t)))?;
+        let undefined = self.iter().find(|constraint| {
+            let Jet { value, first, second } = constraint.target.at(t);
+            ![value, first, second].iter().all(|x| x.is_finite())
+        })?;
         let owner = &undefined.owner;
         let message = format!("the motion of `{owner}` or a derivative of it is not finite at t = {t:.6} s");
         Some(MotionError::of(owner, MotionCause::Undefined, message))

@@ -106,6 +106,12 @@ impl BodyPoint {
     /// The ground's origin.
     pub const ORIGIN: Self = Self { frame: None, local: Vector2::new(0.0, 0.0) };
 
+    #[inline]
+    fn position(&self, at: &impl Positions) -> Vector2<f64> {
+        let (q, arm) = (at.coordinates(), turned(self.frame, self.local, at));
+        self.frame.map_or(arm, |body| Vector2::new(q[3 * body], q[3 * body + 1]) + arm)
+    }
+
     fn motion(&self, at: &impl Positions, v: &DVector<f64>) -> VectorMotion {
         let Some(body) = self.frame else {
             return VectorMotion { value: self.local, rate: Vector2::zeros(), curvature: Vector2::zeros() };
@@ -159,16 +165,12 @@ impl Coordinate {
     /// `s(q)`, in m or rad.
     pub fn value(&self, at: &impl Positions) -> f64 {
         let q = at.coordinates();
-        let position = |point: &BodyPoint| {
-            let arm = turned(point.frame, point.local, at);
-            point.frame.map_or(arm, |body| Vector2::new(q[3 * body], q[3 * body + 1]) + arm)
-        };
         match self {
             Self::Projection { from, to, frame, axis } => {
-                turned(*frame, *axis, at).dot(&(position(to) - position(from)))
+                turned(*frame, *axis, at).dot(&(to.position(at) - from.position(at)))
             }
             Self::Angle { from, to } => angle(*to, q) - angle(*from, q),
-            Self::Distance { from, to } => (position(to) - position(from)).norm(),
+            Self::Distance { from, to } => (to.position(at) - from.position(at)).norm(),
         }
     }
 
@@ -182,7 +184,6 @@ impl Coordinate {
     /// Passes the parts of `factor * s_q` on: a body, and the derivatives along its `(x, y, phi)`. A body may have several parts, whose
     /// sum counts. The bodies are the same in all positions.
     pub fn visit_gradient(&self, q: &impl Positions, factor: f64, act: &mut dyn FnMut(usize, Vector3<f64>)) {
-        let along_angle = |slope| Vector3::new(0.0, 0.0, slope);
         match self {
             Self::Projection { from, to, frame, axis } => {
                 let axis = factor * turned(*frame, *axis, q);
@@ -269,6 +270,12 @@ pub fn turned(frame: Frame, vector: Vector2<f64>, q: &impl Positions) -> Vector2
 
 fn rotated((sine, cosine): (f64, f64), vector: Vector2<f64>) -> Vector2<f64> {
     Vector2::new(cosine * vector.x - sine * vector.y, sine * vector.x + cosine * vector.y)
+}
+
+/// The part of a gradient along a body's angle.
+#[inline]
+fn along_angle(slope: f64) -> Vector3<f64> {
+    Vector3::new(0.0, 0.0, slope)
 }
 
 fn quarter_turn(vector: Vector2<f64>) -> Vector2<f64> {

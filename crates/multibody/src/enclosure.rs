@@ -69,8 +69,7 @@ impl Enclosure {
 
     /// Tightens the bounds by those that follow from the points and the rate.
     fn tightened(mut self, half: f64) -> Self {
-        let is_wrong = |[low, high]: Interval| low.is_nan() || high.is_nan() || low > high;
-        if is_wrong(self.value) || is_wrong(self.rate) {
+        if is_undefined(self.value) || is_undefined(self.rate) {
             return Self::unknown(self.points);
         }
         let [begin, middle, end] = self.points;
@@ -102,8 +101,7 @@ impl Enclosure {
     fn call(&self, function: ElementaryFunction) -> Self {
         use ElementaryFunction::*;
         let [low, high] = self.value;
-        let at = |x: f64| function.value(x);
-        let ends = [at(low), at(high)];
+        let ends = [function.value(low), function.value(high)];
         let (value, slope) = match function {
             Sin => (waves(self.value, FRAC_PI_2), waves(self.value, 0.0)),
             Cos => (waves(self.value, 0.0), waves(self.value, -FRAC_PI_2)),
@@ -128,13 +126,12 @@ impl Enclosure {
             // it jumps upward
             Sign | Floor => (ends, [0.0, f64::INFINITY]),
             Smooth => {
-                let slope = |x: f64| 6.0 * x * (1.0 - x);
                 let [low, high] = [low.clamp(0.0, 1.0), high.clamp(0.0, 1.0)];
-                let most = slope(0.5f64.clamp(low, high));
-                (ends, [slope(low).min(slope(high)), most])
+                let most = smooth_slope(0.5f64.clamp(low, high));
+                (ends, [smooth_slope(low).min(smooth_slope(high)), most])
             }
         };
-        self.chained(at, value, slope)
+        self.chained(|x| function.value(x), value, slope)
     }
 
     fn combine(&self, combination: Combination, other: &Self, half: f64) -> Self {
@@ -164,9 +161,9 @@ impl Enclosure {
                 if difference.value[1] <= 0.0 {
                     return if is_maximum { *other } else { *self };
                 }
-                let of = |side: usize| combination.value(self.value[side], other.value[side]);
+                let value = [0, 1].map(|side| combination.value(self.value[side], other.value[side]));
                 let rates = [self.rate[0], self.rate[1], other.rate[0], other.rate[1]];
-                ([of(0), of(1)], hull(rates))
+                (value, hull(rates))
             }
             Combination::Angle => {
                 let (y, x) = (self, other);
@@ -200,14 +197,16 @@ impl Enclosure {
         Self { value, rate, points }
     }
 
+    /// The arguments of a table at one of the points, as constants.
+    fn jets(at: &[Self], k: usize) -> [Jet; 2] {
+        let mut jets = [Jet::from(0.0); 2];
+        jets.iter_mut().zip(at).for_each(|(to, of)| *to = Jet::from(of.points[k]));
+        jets
+    }
+
     /// A table with one argument that changes.
     fn lookup(table: &LookupTable, at: &[Self]) -> Self {
-        let jets = |k: usize| {
-            let mut jets = [Jet::from(0.0); 2];
-            jets.iter_mut().zip(at).for_each(|(to, of)| *to = Jet::from(of.points[k]));
-            jets
-        };
-        let points = [0, 1, 2].map(|k| table.series(&jets(k)[..at.len()]).value);
+        let points = [0, 1, 2].map(|k| table.series(&Self::jets(at, k)[..at.len()]).value);
         let mut changing = (0..at.len()).filter(|&axis| !at[axis].is_constant());
         let Some(axis) = changing.next() else { return Self::constant(points[0]) };
         let [low, high] = at[axis].value;
@@ -215,7 +214,7 @@ impl Enclosure {
             return Self::unknown(points);
         }
         let jet = |x: f64| {
-            let mut jets = jets(0);
+            let mut jets = Self::jets(at, 0);
             jets[axis] = Jet { value: x, first: 1.0, second: 0.0 };
             table.series(&jets[..at.len()])
         };
@@ -270,9 +269,27 @@ fn scaled([low, high]: Interval, by: f64) -> Interval {
 }
 
 fn product(a: Interval, b: Interval) -> Interval {
-    // zero times a bound that is infinite is zero
-    let of = |x: f64, y: f64| if x == 0.0 || y == 0.0 { 0.0 } else { x * y };
-    hull([of(a[0], b[0]), of(a[0], b[1]), of(a[1], b[0]), of(a[1], b[1])])
+    hull([
+        product_of_bounds(a[0], b[0]),
+        product_of_bounds(a[0], b[1]),
+        product_of_bounds(a[1], b[0]),
+        product_of_bounds(a[1], b[1]),
+    ])
+}
+
+/// Product of two bounds; zero times a bound that is infinite is zero.
+#[inline]
+fn product_of_bounds(x: f64, y: f64) -> f64 {
+    if x == 0.0 || y == 0.0 { 0.0 } else { x * y }
+}
+
+fn is_undefined([low, high]: Interval) -> bool {
+    low.is_nan() || high.is_nan() || low > high
+}
+
+/// Slope of the smooth step from 0 to 1.
+fn smooth_slope(x: f64) -> f64 {
+    6.0 * x * (1.0 - x)
 }
 
 fn reciprocal([low, high]: Interval) -> Interval {
@@ -314,14 +331,18 @@ fn power([low, high]: Interval, n: f64) -> Interval {
 
 /// Interval of `cos(x - top)`.
 fn waves([low, high]: Interval, top: f64) -> Interval {
-    let turn = 2.0 * PI;
-    // Returns true if a phase that repeats every turn is inside
-    let has = |phase: f64| ((high - phase) / turn).floor() * turn + phase >= low;
-    if (high - low).is_nan() || high - low >= turn {
+    if (high - low).is_nan() || high - low >= 2.0 * PI {
         return [-1.0, 1.0];
     }
     let [a, b] = [(low - top).cos(), (high - top).cos()];
-    [if has(top + PI) { -1.0 } else { a.min(b) }, if has(top) { 1.0 } else { a.max(b) }]
+    let [has_bottom, has_top] = [top + PI, top].map(|phase| has_phase([low, high], phase));
+    [if has_bottom { -1.0 } else { a.min(b) }, if has_top { 1.0 } else { a.max(b) }]
+}
+
+/// Returns true if a phase that repeats every turn is inside an interval.
+fn has_phase([low, high]: Interval, phase: f64) -> bool {
+    let turn = 2.0 * PI;
+    ((high - phase) / turn).floor() * turn + phase >= low
 }
 
 #[cfg(test)]

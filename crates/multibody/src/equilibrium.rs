@@ -70,16 +70,11 @@ pub(super) fn settle(
         if left <= BALANCED * scale && is_newton {
             return Ok(());
         }
-        let unbalanced = |q: &DVector<f64>| forces(q) - held.gradients(q).sum(&multipliers);
-        let stiffness = derivative(&unbalanced, q);
+        let stiffness = derivative(&|q: &DVector<f64>| forces(q) - held.gradients(q).sum(&multipliers), q);
         let step = loop {
             let step = step(&model.mass, h, &stiffness, &transposed, (&residual, &held.residual(t, q)));
-            let is_along = |step: &DVector<f64>| left <= DECIDED * scale || step.dot(&residual) > 0.0;
-            let is_short = |step: &DVector<f64>| {
-                let sizes = step.iter().enumerate().map(|(k, by)| by.abs() / if k % 3 == 2 { 1.0 } else { length });
-                sizes.fold(0.0, f64::max) <= LARGEST_STEP
-            };
-            match step.filter(|step| is_along(step) && is_short(step)) {
+            let step = step.filter(|step| left <= DECIDED * scale || step.dot(&residual) > 0.0);
+            match step.filter(|step| size(step, length) <= LARGEST_STEP) {
                 Some(step) => break step,
                 None if h < f64::MIN_POSITIVE / f64::EPSILON => return Err(none_found(left)),
                 None => h *= 0.1,
@@ -90,6 +85,12 @@ pub(super) fn settle(
         h *= 3.0;
     }
     Err(none_found(left))
+}
+
+/// Largest entry of a step in the coordinates of bodies, lengths in parts of `length`.
+fn size(step: &DVector<f64>, length: f64) -> f64 {
+    let sizes = step.iter().enumerate().map(|(k, by)| by.abs() / if k % 3 == 2 { 1.0 } else { length });
+    sizes.fold(0.0, f64::max)
 }
 
 /// The largest weight, or force of a spring or an effort. Their sum vanishes in equilibrium.

@@ -291,22 +291,37 @@ pub fn is_function(name: &str) -> bool {
 ///
 /// `mod(a, b) = a - b floor(a / b)`, and `step(x, x0, y0, x1, y1) = y0 + (y1 - y0) smooth((x - x0) / (x1 - x0))`.
 fn composed(arguments: &[Vec<Token>]) -> Vec<Token> {
-    let combine = |combination| vec![Token::Step(FormulaStep::Combine(combination))];
-    let call = |function| vec![Token::Step(FormulaStep::Call(function))];
-    let of = |combination, a: &[Token], b: &[Token]| [a, b, &combine(combination)].concat();
     use Combination::{Add, Divide, Multiply, Subtract};
     match arguments {
         [x, x0, y0, x1, y1] => {
-            let share = of(Divide, &of(Subtract, x, x0), &of(Subtract, x1, x0));
-            let share = [share, call(ElementaryFunction::Smooth)].concat();
-            of(Add, y0, &of(Multiply, &of(Subtract, y1, y0), &share))
+            let share = combined(Divide, &combined(Subtract, x, x0), &combined(Subtract, x1, x0));
+            let share = called(ElementaryFunction::Smooth, &share);
+            combined(Add, y0, &combined(Multiply, &combined(Subtract, y1, y0), &share))
         }
         [a, b] => {
-            let turns = [of(Divide, a, b), call(ElementaryFunction::Floor)].concat();
-            of(Subtract, a, &of(Multiply, b, &turns))
+            let turns = called(ElementaryFunction::Floor, &combined(Divide, a, b));
+            combined(Subtract, a, &combined(Multiply, b, &turns))
         }
         _ => Vec::new(),
     }
+}
+
+fn combined(combination: Combination, a: &[Token], b: &[Token]) -> Vec<Token> {
+    [a, b, &[Token::Step(FormulaStep::Combine(combination))]].concat()
+}
+
+fn called(function: ElementaryFunction, argument: &[Token]) -> Vec<Token> {
+    [argument, &[Token::Step(FormulaStep::Call(function))]].concat()
+}
+
+/// Number of digits at the beginning of a text.
+fn leading_digits(text: &str) -> usize {
+    text.find(|c: char| !c.is_ascii_digit()).unwrap_or(text.len())
+}
+
+/// Returns true if a name may have a character without being quoted.
+fn is_of_name(c: char) -> bool {
+    c.is_ascii_alphanumeric() || c == '_' || c == '.'
 }
 
 /// Operations of an expression with its variables, at most.
@@ -421,14 +436,13 @@ impl Parser<'_> {
 
     fn number(&mut self) -> Result<(), ExpressionError> {
         let rest = &self.text[self.position..];
-        let digits = |text: &str| text.find(|c: char| !c.is_ascii_digit()).unwrap_or(text.len());
-        let mut end = digits(rest);
+        let mut end = leading_digits(rest);
         if rest[end..].starts_with('.') {
-            end += 1 + digits(&rest[end + 1..]);
+            end += 1 + leading_digits(&rest[end + 1..]);
         }
         if let Some(exponent) = rest[end..].strip_prefix(['e', 'E']) {
             let sign = usize::from(exponent.starts_with(['+', '-']));
-            let count = digits(&exponent[sign..]);
+            let count = leading_digits(&exponent[sign..]);
             end += if count > 0 { 1 + sign + count } else { 0 };
         }
         match rest[..end].parse::<f64>() {
@@ -443,8 +457,7 @@ impl Parser<'_> {
 
     fn name(&mut self) -> Result<(), ExpressionError> {
         let rest = &self.text[self.position..];
-        let plain = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '.';
-        let name = &rest[..rest.find(|c| !plain(c)).unwrap_or(rest.len())];
+        let name = &rest[..rest.find(|c| !is_of_name(c)).unwrap_or(rest.len())];
         self.position += name.len();
         if self.peek() == Some('(') {
             let pair = PAIRS.iter().find(|(known, _)| *known == name);

@@ -73,11 +73,11 @@ impl SparseGradients {
             self.len(),
             self.ends.iter().map(|&end| {
                 let parts = &self.parts[std::mem::replace(&mut first, end)..end];
-                let along = |(body, part): &BodyPart| {
+                let along = parts.iter().map(|(body, part)| {
                     let of_body = &bodies[3 * body..3 * body + 3];
                     part.x * of_body[0] + part.y * of_body[1] + part.z * of_body[2]
-                };
-                parts.iter().map(along).sum()
+                });
+                along.sum()
             }),
         )
     }

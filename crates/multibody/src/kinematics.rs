@@ -173,11 +173,8 @@ impl<'a> Way<'a> {
 
     /// Largest entry, in radians and lever arms.
     fn size(&self, vector: &DVector<f64>) -> f64 {
-        let largest = |largest: f64, (entry, scale): (&f64, &f64)| {
-            let size = (entry / scale).abs();
-            if size.is_nan() { size } else { largest.max(size) }
-        };
-        vector.iter().zip(&self.scale).fold(0.0, largest)
+        let sizes = vector.iter().zip(&self.scale).map(|(entry, scale)| (entry / scale).abs());
+        sizes.fold(0.0, |largest, size| if size.is_nan() { size } else { largest.max(size) })
     }
 
     /// The reason why no path leads from a position to a time right after it.
@@ -203,13 +200,8 @@ impl<'a> Way<'a> {
 
     /// The joints and drivers that hold the bodies of the loop that is the closest to a singular position.
     fn singular_loop(&self, transposed: &DMatrix<f64>) -> Vec<&str> {
-        let least = |one: &Loop| {
-            let block = one.block(transposed);
-            let parts = independence(&block).into_iter().zip(block.column_iter().zip(&one.constraints));
-            let parts = parts.map(|(part, (column, &row))| part * column.norm() / transposed.column(row).norm());
-            parts.fold(1.0, f64::min)
-        };
-        let Some(singular) = self.loops.iter().min_by(|a, b| least(a).total_cmp(&least(b))) else { return Vec::new() };
+        let parts = self.loops.iter().map(|of| (of.least_independent_part(transposed), of));
+        let Some((_, singular)) = parts.min_by(|(a, _), (b, _)| a.total_cmp(b)) else { return Vec::new() };
         let of_its_bodies =
             |&(_, coordinate): &(usize, usize)| singular.coordinates.iter().any(|c| c / 3 == coordinate / 3);
         let decisions =
@@ -247,6 +239,14 @@ impl Loop {
     /// The block of `C_q^T`.
     fn block(&self, transposed: &DMatrix<f64>) -> DMatrix<f64> {
         transposed.select_rows(&self.coordinates).select_columns(&self.constraints)
+    }
+
+    /// Smallest part of a constraint's gradient that is in the block and independent of the others.
+    fn least_independent_part(&self, transposed: &DMatrix<f64>) -> f64 {
+        let block = self.block(transposed);
+        let parts = independence(&block).into_iter().zip(block.column_iter().zip(&self.constraints));
+        let parts = parts.map(|(part, (column, &row))| part * column.norm() / transposed.column(row).norm());
+        parts.fold(1.0, f64::min)
     }
 
     /// Sign of the block's determinant, which may be too small or too large a number itself.
@@ -291,14 +291,16 @@ fn loops(constraints: &Constraints, q: &DVector<f64>) -> Vec<Loop> {
             }
         }
     }
-    let together = |one: usize| (0..count).filter(|&other| needs[(one, other)] && needs[(other, one)]).collect();
-    let blocks = (0..count).map(together).enumerate().filter(|(one, block): &(usize, Vec<usize>)| block[0] == *one);
-    blocks
-        .map(|(_, constraints)| {
+    let mut loops = Vec::new();
+    for first in 0..count {
+        let constraints: Vec<usize> =
+            (0..count).filter(|&other| needs[(first, other)] && needs[(other, first)]).collect();
+        if constraints[0] == first {
             let coordinates = constraints.iter().map(|&constraint| decides[constraint]).collect();
-            Loop { constraints, coordinates, side: 0.0 }
-        })
-        .collect()
+            loops.push(Loop { constraints, coordinates, side: 0.0 });
+        }
+    }
+    loops
 }
 
 /// Finds a coordinate for a constraint; the others may have to take other ones (Kuhn's augmenting paths).

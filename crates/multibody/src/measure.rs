@@ -59,7 +59,6 @@ pub enum Measure {
 impl Measure {
     /// Unit of the value in a model.
     pub fn unit<'m>(&self, model: &'m MultibodyModel) -> &'m str {
-        let effort = |coordinate: &Coordinate| if coordinate.is_angle() { "N.m" } else { "N" };
         match self {
             Self::Position(coordinate) => {
                 if coordinate.is_angle() {
@@ -84,8 +83,8 @@ impl Measure {
             }
             Self::JointForce { .. } => "N",
             Self::JointMoment { .. } => "N.m",
-            Self::DriverEffort(row) => effort(model.held_coordinate(*row)),
-            Self::SpringEffort(spring) => effort(&model.springs[*spring].coordinate),
+            Self::DriverEffort(row) => effort_unit(model.held_coordinate(*row)),
+            Self::SpringEffort(spring) => effort_unit(&model.springs[*spring].coordinate),
             Self::Formula(formula) => &model.formulas[*formula].unit,
             Self::KineticEnergy | Self::PotentialEnergy => "J",
         }
@@ -99,13 +98,13 @@ impl Measure {
             Self::Velocity(coordinate) => coordinate.rate(q, v),
             Self::Acceleration(coordinate) => coordinate.rate(q, qdd) + coordinate.curvature(q, v),
             Self::JointForce { rows, component } => {
-                let force = |row: usize| match &model.constraints[row].coordinate {
+                let forces = rows.clone().map(|row| match &model.constraints[row].coordinate {
                     Coordinate::Projection { frame, axis, .. } => {
                         -multipliers[row] * turned(*frame, *axis, q)[*component]
                     }
                     _ => 0.0,
-                };
-                rows.clone().map(force).sum()
+                });
+                forces.sum()
             }
             Self::JointMoment { rows } => {
                 let angles = rows.clone().filter(|&row| model.constraints[row].coordinate.is_angle());
@@ -122,4 +121,8 @@ impl Measure {
             Self::PotentialEnergy => model.potential_energy(q),
         }
     }
+}
+
+fn effort_unit(coordinate: &Coordinate) -> &'static str {
+    if coordinate.is_angle() { "N.m" } else { "N" }
 }

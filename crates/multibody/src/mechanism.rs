@@ -3,9 +3,7 @@
 use super::{
     build::{Torsion, build, free_coordinates, limits, part_problems, position_coordinates},
     constraint::BoundExpression,
-    description::{
-        ActuatorStateOptions, Description, JointOptions, JointType, MechanismInput, MechanismParameter, SpringOptions,
-    },
+    description::{ActuatorStateOptions, Description, JointOptions, JointType, MechanismInput, MechanismParameter},
     error::{MotionCause, MotionError},
     expression::{Expression, is_function},
     measure::Measure,
@@ -171,17 +169,13 @@ impl Mechanism {
     /// spring is not a harmonic of its angle. Returns the mechanism itself if one of these outputs measures the
     /// potential energy.
     pub fn with_torsion_as_forces(&self, outputs: &[String]) -> Cow<'_, Self> {
-        let measures_energy = |name: &String| {
-            self.description
-                .outputs
-                .get(name)
-                .is_some_and(|output| output.measure.as_deref() == Some("potential_energy"))
-        };
         let Description { springs, bushings, .. } = &self.description;
-        let is_angle = |spring: &SpringOptions| spring.coordinate.as_ref().is_some_and(|of| of.ends_with(".angle"));
-        let mut torsion = (springs.values().filter(|spring| is_angle(spring)).map(|spring| &spring.stiffness))
+        let mut measured = outputs.iter().filter_map(|name| self.description.outputs.get(name)?.measure.as_deref());
+        let along_angles =
+            springs.values().filter(|spring| spring.coordinate.as_ref().is_some_and(|of| of.ends_with(".angle")));
+        let mut torsion = (along_angles.map(|spring| &spring.stiffness))
             .chain(bushings.values().map(|bushing| &bushing.stiffness[2]));
-        if outputs.iter().any(measures_energy) || torsion.all(is_zero) {
+        if measured.any(|measure| measure == "potential_energy") || torsion.all(is_zero) {
             return Cow::Borrowed(self);
         }
         let mut mechanism = self.clone();
@@ -277,13 +271,13 @@ impl Mechanism {
         (tolerance, budget): (f64, &Budget),
     ) -> std::result::Result<Vec<f64>, MotionError> {
         let (.., samples, reduced) = self.run_from(values, start, signals, times, (tolerance, budget))?;
-        let of_sample = |sample: &Sample| {
+        let states = samples.iter().flat_map(|sample| {
             let coordinates = reduced.coordinates().iter();
             let rates = coordinates.clone().map(|coordinate| coordinate.rate(&sample.q, &sample.v));
             let positions = coordinates.map(|coordinate| coordinate.value(&sample.q));
             positions.chain(rates).chain(sample.actuator_states(reduced.model()).iter().copied()).collect::<Vec<_>>()
-        };
-        Ok(samples.iter().flat_map(of_sample).collect())
+        });
+        Ok(states.collect())
     }
 
     /// A run from a state: the model, what its outputs measure, its samples, and the equations in the coordinates.
@@ -438,8 +432,11 @@ impl Mechanism {
         let values: Vec<f64> = self.description.parameters.values().map(|parameter| parameter.default).collect();
         let (model, _) = self.build(&values)?;
         // a joint has an angle or a position, or none
-        let named = |name: String| Some((position_coordinates(&self.description, &values, &[&name]).ok()?[0], name));
-        let (coordinates, names): (Vec<_>, Vec<String>) = self.candidate_names().filter_map(named).unzip();
+        let candidates = self.candidate_names().filter_map(|name| {
+            let coordinates = position_coordinates(&self.description, &values, &[&name]).ok()?;
+            Some((coordinates[0], name))
+        });
+        let (coordinates, names): (Vec<_>, Vec<String>) = candidates.unzip();
         let reduced = Reduced::new(model, &coordinates)?;
         let (s, rates) = reduced.start();
         let z = reduced.model().actuator_starts();
@@ -471,27 +468,28 @@ impl Mechanism {
     /// Names of coordinates that may be independent, the best ones first; those of a joint that it does not have are among them.
     fn candidate_names(&self) -> impl Iterator<Item = String> + '_ {
         let Description { bodies, joints, couplings, drivers, .. } = &self.description;
-        let body_of = |end: &String| end.split('.').next().unwrap_or_default().to_owned();
-        let links = move |joint: &JointOptions| {
-            let bodies = joint.between.each_ref().map(body_of);
-            let is_link = joint.joint == JointType::Revolute && !bodies.contains(&"ground".to_owned());
-            is_link.then_some(bodies)
-        };
         let is_tree = couplings.is_empty() && joints.len() == bodies.len();
-        let is_long = is_tree && joints.values().filter_map(links).count() >= LONG_CHAIN;
-        let of_joint = move |(name, joint): (&String, &JointOptions)| {
-            let [from, to] = links(joint).filter(|_| is_long).unwrap_or_default();
+        let is_long = is_tree && joints.values().filter_map(linked_bodies).count() >= LONG_CHAIN;
+        let of_joints = joints.iter().flat_map(|(name, joint)| {
+            let [from, to] = linked_bodies(joint).filter(|_| is_long).unwrap_or_default();
             let against_ground = [to, from].into_iter().filter(|body| !body.is_empty());
             let angles = against_ground.map(|body| format!("{body}.angle"));
             angles.chain(["angle", "position"].map(|measure| format!("{name}.{measure}"))).collect::<Vec<_>>()
-        };
-        let of_body = |name: &String| ["x", "y", "angle"].map(|measure| format!("{name}.{measure}"));
-        let is_held = |name: &String| couplings.values().any(|coupling| coupling.coordinate == *name);
-        let (held, free): (Vec<String>, Vec<String>) = joints.iter().flat_map(of_joint).partition(is_held);
+        });
+        let (held, free): (Vec<String>, Vec<String>) =
+            of_joints.partition(|name| couplings.values().any(|coupling| coupling.coordinate == *name));
         let drivers = drivers.values().filter(|driver| driver.acceleration.is_some());
         let names = drivers.map(|driver| driver.coordinate.clone()).chain(free).chain(held);
-        names.chain(bodies.keys().flat_map(of_body))
+        let of_bodies = bodies.keys().flat_map(|name| ["x", "y", "angle"].map(|measure| format!("{name}.{measure}")));
+        names.chain(of_bodies)
     }
+}
+
+/// The bodies that a revolute joint links, unless one of them is the ground.
+fn linked_bodies(joint: &JointOptions) -> Option<[String; 2]> {
+    let bodies = joint.between.each_ref().map(|end| end.split('.').next().unwrap_or_default().to_owned());
+    let is_link = joint.joint == JointType::Revolute && !bodies.contains(&"ground".to_owned());
+    is_link.then_some(bodies)
 }
 
 /// A range cut at the limits of a stop, with a twentieth of the limits' distance for what goes into the stop. The start stays in it.
@@ -503,13 +501,13 @@ fn within([low, high]: [f64; 2], [min, max]: [f64; 2], start: f64) -> [f64; 2] {
 /// Distance by which a coordinate can move towards `end`, with a tenth to spare if that is not all the way.
 fn reach(reduced: &Reduced, s: &DVector<f64>, k: usize, end: f64) -> f64 {
     const PARTS: u32 = 32;
-    let is_reached = |share: f64| {
+    let shares = (1..=PARTS).map(|part| f64::from(part) / f64::from(PARTS));
+    let reached = shares.take_while(|share| {
         let mut target = s.clone();
         target[k] += share * end;
         reduced.configuration(&target).is_ok()
-    };
-    let shares = (1..=PARTS).map(|part| f64::from(part) / f64::from(PARTS));
-    match shares.take_while(|share| is_reached(*share)).last() {
+    });
+    match reached.last() {
         Some(1.0) => end,
         Some(share) => 0.9 * share * end,
         None => 0.0,
@@ -564,28 +562,31 @@ fn range_problems(description: &Description) -> Problems {
 
 /// Bodies with a motion that neither mass nor inertia resists.
 fn free_of_inertia(description: &Description, model: &MultibodyModel, q: &DVector<f64>) -> Problems {
-    let problem = |coordinate: usize| {
+    let problems = model.motions_without_inertia(q).into_iter().map(|coordinate| {
         let body = description.bodies.get_index(coordinate / 3).map_or("", |(name, _)| name.as_str());
         let (field, motion) = if coordinate % 3 == 2 { ("inertia", "turn") } else { ("mass", "move") };
         let message = format!("0, expected more: the body can {motion} without anything that has mass or inertia");
         KeyProblem { key: format!("bodies.{body}.{field}"), message }
-    };
-    let mut problems: Vec<KeyProblem> = model.motions_without_inertia(q).into_iter().map(problem).collect();
+    });
+    let mut problems: Vec<KeyProblem> = problems.collect();
     // one mass is missing for two directions
     problems.dedup();
     problems.into_iter().collect()
 }
 
-/// Outputs that measure something that does not move.
-fn constant_outputs(description: &Description, measures: &[Measure]) -> Problems {
-    let constant = |measure: &Measure| match measure {
+fn is_constant(measure: &Measure) -> bool {
+    match measure {
         Measure::Position(coordinate) | Measure::Velocity(coordinate) | Measure::Acceleration(coordinate) => {
             !coordinate.is_of_body()
         }
         _ => false,
-    };
+    }
+}
+
+/// Outputs that measure something that does not move.
+fn constant_outputs(description: &Description, measures: &[Measure]) -> Problems {
     let mut odd = Problems::default();
-    for (name, _) in description.outputs.keys().zip(measures).filter(|(_, measure)| constant(measure)) {
+    for (name, _) in description.outputs.keys().zip(measures).filter(|(_, measure)| is_constant(measure)) {
         odd.add(format!("outputs.{name}.measure"), "never changes: it belongs to the ground");
     }
     odd

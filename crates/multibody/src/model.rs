@@ -235,11 +235,11 @@ impl MultibodyModel {
     /// The first effort, prescribed acceleration or rate of an actuator state that is not finite in a state, and its value; or a spring
     /// whose length is zero.
     pub fn undefined_effort(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>, u: &[f64]) -> Option<MotionError> {
-        let without_length = |spring: &&Spring| {
+        let mut without_length = self.springs.iter().filter(|spring| {
             spring.coordinate.direction(q).is_some_and(|direction| direction.norm() == 0.0)
                 && spring.effort(q, v) != 0.0
-        };
-        if let Some(spring) = self.springs.iter().find(without_length) {
+        });
+        if let Some(spring) = without_length.next() {
             let message = format!("the direction of `{}` is not defined: its length is zero", spring.owner);
             return Some(MotionError::of(&spring.owner, MotionCause::Undefined, message));
         }
@@ -262,8 +262,9 @@ impl MultibodyModel {
     pub fn potential_energy(&self, q: &DVector<f64>) -> f64 {
         let bodies = q.as_slice().chunks(3).zip(self.mass.as_slice().chunks(3));
         let height: f64 = bodies.map(|(q, mass)| -mass[0] * (self.gravity.x * q[0] + self.gravity.y * q[1])).sum();
-        let stretch = |spring: &Spring| 0.5 * spring.stiffness * (spring.coordinate.value(q) - spring.rest).powi(2);
-        height + self.springs.iter().map(stretch).sum::<f64>()
+        let springs = self.springs.iter();
+        let stretch = springs.map(|spring| 0.5 * spring.stiffness * (spring.coordinate.value(q) - spring.rest).powi(2));
+        height + stretch.sum::<f64>()
     }
 
     /// Right-hand side of the equations that [`Self::deciding`] sets for accelerations: `F_c`, then `a - (s_q qd)_q qd` with a prescribed
@@ -273,16 +274,19 @@ impl MultibodyModel {
         if self.prescribed.is_empty() {
             return of_constraints;
         }
-        let side = |driver: &Prescribed| driver.expression.value(t, q, v, u) - driver.coordinate.curvature(q, v);
-        let sides = of_constraints.iter().copied().chain(self.prescribed.iter().map(side));
+        let prescribed = self.prescribed.iter();
+        let of_drivers =
+            prescribed.map(|driver| driver.expression.value(t, q, v, u) - driver.coordinate.curvature(q, v));
+        let sides = of_constraints.iter().copied().chain(of_drivers);
         DVector::from_iterator(of_constraints.len() + self.prescribed.len(), sides)
     }
 
     /// A length that makes angles comparable with lengths: the longest lever arm of the constraints, or the longest radius of gyration.
     /// Lever arms alone vanish where a body passes the pivot that it turns about.
     pub fn length(&self, gradients: &SparseGradients) -> f64 {
-        let radius = |mass: &[f64]| if mass[0] > 0.0 { (mass[2] / mass[0]).sqrt() } else { 0.0 };
-        let longest = self.mass.as_slice().chunks(3).map(radius).fold(0.0, f64::max);
+        let bodies = self.mass.as_slice().chunks(3);
+        let radii = bodies.map(|mass| if mass[0] > 0.0 { (mass[2] / mass[0]).sqrt() } else { 0.0 });
+        let longest = radii.fold(0.0, f64::max);
         self.constraints.lever_arm(gradients).max(longest)
     }
 

@@ -207,8 +207,8 @@ impl Reduced {
     /// length is.
     fn refuse_turned_springs(&self, before: &DVector<f64>, after: &DVector<f64>) -> Result<(), MotionError> {
         let springs = self.model.springs.iter();
-        let has_direction = |spring: &&Spring| spring.rest != 0.0 || spring.damping != 0.0 || spring.further.is_some();
-        for Spring { coordinate, owner, .. } in springs.filter(has_direction) {
+        let directed = springs.filter(|spring| spring.rest != 0.0 || spring.damping != 0.0 || spring.further.is_some());
+        for Spring { coordinate, owner, .. } in directed {
             let [from, to] = [before, after].map(|q| coordinate.direction(q));
             if Option::zip(from, to).is_some_and(|(from, to)| from.dot(&to) <= 0.0) {
                 let message = format!("`{owner}` has no length on the way: its direction is lost there");
@@ -292,14 +292,14 @@ impl Reduced {
     /// row: shape `[3 bodies, n + n (n + 1) / 2]`.
     pub fn inertia_forces(&self, terms: &Terms) -> DMatrix<f64> {
         let n = terms.velocities.ncols();
-        let of_product = |j: usize, k: usize| {
-            let column = terms.velocity_gradient[k].column(j).into_owned();
-            // both orders of two different coordinates
-            if j == k { column } else { 2.0 * column }
-        };
-        let products = (0..n).flat_map(|j| (0..=j).map(move |k| (j, k))).map(|(j, k)| of_product(j, k));
-        let columns: Vec<DVector<f64>> =
-            terms.velocities.column_iter().map(|column| column.into_owned()).chain(products).collect();
+        let mut columns: Vec<DVector<f64>> = terms.velocities.column_iter().map(|column| column.into_owned()).collect();
+        for j in 0..n {
+            for k in 0..=j {
+                let column = terms.velocity_gradient[k].column(j).into_owned();
+                // both orders of two different coordinates
+                columns.push(if j == k { column } else { 2.0 * column });
+            }
+        }
         -self.weighted(&DMatrix::from_columns(&columns))
     }
 
@@ -379,17 +379,21 @@ impl Reduced {
     /// `(dJ/ds_k) T`: of each row's coordinate the second derivatives along `T_k` and every column of `T`, from the curvature,
     /// which is a quadratic form, by polarization.
     fn second_derivatives(&self, q: &DVector<f64>, velocities: &DMatrix<f64>, k: usize) -> DMatrix<f64> {
-        let constraints = &self.model.constraints;
-        let curvature = |row: usize, along: &DVector<f64>| match constraints.get(row) {
-            Some(constraint) => constraint.curvature(q, along),
-            None => self.coordinates[row - constraints.len()].curvature(q, along),
-        };
         let direction = velocities.column(k);
         DMatrix::from_fn(q.len(), velocities.ncols(), |row, column| {
             let other = velocities.column(column);
             let (sum, difference) = (direction + other, direction - other);
-            0.25 * (curvature(row, &sum) - curvature(row, &difference))
+            0.25 * (self.curvature(row, q, &sum) - self.curvature(row, q, &difference))
         })
+    }
+
+    /// Curvature of a constraint, or of an independent coordinate after them, along velocities.
+    fn curvature(&self, row: usize, q: &DVector<f64>, along: &DVector<f64>) -> f64 {
+        let constraints = &self.model.constraints;
+        match constraints.get(row) {
+            Some(constraint) => constraint.curvature(q, along),
+            None => self.coordinates[row - constraints.len()].curvature(q, along),
+        }
     }
 
     fn factorise(&self, q: &DVector<f64>) -> Result<LU<f64, Dyn, Dyn>, MotionError> {
@@ -478,30 +482,30 @@ fn choose(model: &MultibodyModel, q: &DVector<f64>, candidates: &[Coordinate]) -
 
 /// The independent coordinates that drivers accelerate.
 fn driven(model: &MultibodyModel, coordinates: &[Coordinate]) -> Result<Vec<usize>, MotionError> {
-    let find = |driver: &Prescribed| {
+    let places = model.prescribed.iter().map(|driver| {
         let position = coordinates.iter().position(|coordinate| *coordinate == driver.coordinate);
         let Prescribed { name, owner, .. } = driver;
         position.ok_or_else(|| {
             let message = format!("`{owner}` gives the acceleration of `{name}`, expected that among the coordinates");
             MotionError::of(owner, MotionCause::Unsuitable, message)
         })
-    };
-    model.prescribed.iter().map(find).collect()
+    });
+    places.collect()
 }
 
 /// Independent coordinates that are tried if none are named: those that drivers accelerate, those that the joints leave free, then those
 /// of the bodies.
 pub fn candidates(model: &MultibodyModel, free: impl IntoIterator<Item = Coordinate>) -> Vec<Coordinate> {
-    let of_body = |body: usize| {
+    let of_bodies = (0..model.mass.len() / 3).flat_map(|body| {
         let centre = BodyPoint { frame: Some(body), ..BodyPoint::ORIGIN };
         [
             Coordinate::component(centre, 0),
             Coordinate::component(centre, 1),
             Coordinate::Angle { from: None, to: Some(body) },
         ]
-    };
+    });
     let driven = model.prescribed.iter().map(|driver| driver.coordinate);
-    driven.chain(free).chain((0..model.mass.len() / 3).flat_map(of_body)).collect()
+    driven.chain(free).chain(of_bodies).collect()
 }
 
 /// Refuses what depends on time: it would be another state.

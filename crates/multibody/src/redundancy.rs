@@ -5,7 +5,7 @@
 //! determined, nor are those of the rows with which they make a null vector `y`, `C_q^T y = 0`.
 
 use super::{
-    constraint::{Constraint, Constraints, DEPENDENT, Target, independence, null_space},
+    constraint::{Constraints, DEPENDENT, Target, independence, null_space},
     coordinate::TurnedBodies,
     measure::Measure,
     model::MultibodyModel,
@@ -32,10 +32,7 @@ impl Redundancy {
     /// Takes the redundant constraints out of a model.
     pub fn take_out(model: &mut MultibodyModel) -> Self {
         let Some(found) = Self::of(model) else { return Self::default() };
-        let rows = || model.constraints.iter().cloned().enumerate();
-        let [redundant, kept]: [Constraints; 2] = [true, false].map(|is_removed| {
-            rows().filter(|(row, _)| found.removed.contains(row) == is_removed).map(|(_, one)| one).collect()
-        });
+        let [redundant, kept] = parted(&model.constraints, &found.removed);
         let of_drivers = model.deciding.iter().skip(model.constraints.len());
         let deciding = kept.iter().chain(of_drivers).cloned().collect();
         (model.constraints, model.redundant, model.deciding) = (kept, redundant, deciding);
@@ -44,9 +41,10 @@ impl Redundancy {
 
     /// `None` if no constraint is redundant.
     fn of(model: &MultibodyModel) -> Option<Self> {
-        let is_timeless = |one: &&Constraint| !matches!(one.target, Target::Motion(_));
         // drivers of motions come last
-        let geometry: Constraints = model.constraints.iter().take_while(is_timeless).cloned().collect();
+        let timeless =
+            model.constraints.iter().take_while(|constraint| !matches!(constraint.target, Target::Motion(_)));
+        let geometry: Constraints = timeless.cloned().collect();
         if !has_loops(&geometry, model.mass.len()) {
             return None;
         }
@@ -59,11 +57,8 @@ impl Redundancy {
         if removed.is_empty() {
             return None;
         }
-        let part = |is_removed: bool| {
-            let rows = geometry.iter().enumerate().filter(|(row, _)| removed.contains(row) == is_removed);
-            rows.map(|(_, one)| one.clone()).collect()
-        };
-        follows(model, &part(true), &part(false), &q)
+        let [redundant, kept] = parted(&geometry, &removed);
+        follows(model, &redundant, &kept, &q)
             .then(|| Self { undetermined: dependent_rows(&gradients), removed: removed.clone() })
     }
 
@@ -80,16 +75,30 @@ impl Redundancy {
 
     /// The measure with the rows of the model from which constraints were taken out.
     pub fn renumbered(&self, measure: Measure) -> Measure {
-        let new = |row: usize| row - self.removed.range(..row).count();
         match measure {
             Measure::JointForce { rows, component } => {
-                Measure::JointForce { rows: new(rows.start)..new(rows.end), component }
+                Measure::JointForce { rows: self.row_after(rows.start)..self.row_after(rows.end), component }
             }
-            Measure::JointMoment { rows } => Measure::JointMoment { rows: new(rows.start)..new(rows.end) },
-            Measure::DriverEffort(row) => Measure::DriverEffort(new(row)),
+            Measure::JointMoment { rows } => {
+                Measure::JointMoment { rows: self.row_after(rows.start)..self.row_after(rows.end) }
+            }
+            Measure::DriverEffort(row) => Measure::DriverEffort(self.row_after(row)),
             other => other,
         }
     }
+
+    /// Place of a constraint after those before it are taken out.
+    fn row_after(&self, row: usize) -> usize {
+        row - self.removed.range(..row).count()
+    }
+}
+
+/// The constraints that are removed, and the others.
+fn parted(constraints: &Constraints, removed: &BTreeSet<usize>) -> [Constraints; 2] {
+    [true, false].map(|is_removed| {
+        let rows = constraints.iter().enumerate().filter(|(row, _)| removed.contains(row) == is_removed);
+        rows.map(|(_, constraint)| constraint.clone()).collect()
+    })
 }
 
 /// False if the constraints certainly are a forest: no body is held in two ways.
@@ -126,19 +135,15 @@ fn follows(model: &MultibodyModel, some: &Constraints, others: &Constraints, q: 
     let gradients = others.gradients(&TurnedBodies::new(q));
     let length = model.length(&model.constraints.gradients(&TurnedBodies::new(q)));
     let motions = null_space(&gradients.dense().transpose());
-    let size = |motion: &DVector<f64>| {
-        let of = |(index, value): (usize, &f64)| if index % 3 == 2 { value.abs() } else { value.abs() / length };
-        motion.iter().enumerate().map(of).fold(0.0, f64::max)
-    };
     let sum = motions.iter().enumerate().fold(DVector::zeros(q.len()), |sum, (index, motion)| {
         // no two motions have the same share
         sum + motion * (1.0 + index as f64).sqrt()
     });
     let (mut moved, mut tried) = (0, 0);
-    for motion in motions.iter().chain([&sum]).filter(|motion| size(motion) > 0.0) {
+    for motion in motions.iter().chain([&sum]).filter(|motion| size(motion, length) > 0.0) {
         for sign in [-1.0, 1.0] {
             tried += 1;
-            let mut q = q + motion * (sign * DISPLACEMENT / size(motion));
+            let mut q = q + motion * (sign * DISPLACEMENT / size(motion, length));
             // a displacement may be out of reach
             if others.correct_positions(0.0, &mut q).is_err() {
                 continue;
@@ -155,6 +160,12 @@ fn follows(model: &MultibodyModel, some: &Constraints, others: &Constraints, q: 
 /// Columns that have a part in a combination that is zero.
 fn dependent_rows(gradients: &DMatrix<f64>) -> BTreeSet<usize> {
     let vectors = null_space(gradients);
-    let has_part = |row: &usize| vectors.iter().any(|vector| vector[*row].abs() > 1e-6);
-    (0..gradients.ncols()).filter(has_part).collect()
+    (0..gradients.ncols()).filter(|row| vectors.iter().any(|vector| vector[*row].abs() > 1e-6)).collect()
+}
+
+/// Largest entry of a motion in the coordinates of bodies, lengths in parts of `length`.
+fn size(motion: &DVector<f64>, length: f64) -> f64 {
+    let entries = motion.iter().enumerate();
+    let sizes = entries.map(|(index, value)| if index % 3 == 2 { value.abs() } else { value.abs() / length });
+    sizes.fold(0.0, f64::max)
 }

@@ -28,43 +28,42 @@ pub fn oddities(description: &Description) -> Problems {
         parameters, inputs, tables, variables, ground, bodies, springs, forces, actuators, states, ..
     } = description;
     let mut oddities = Problems::default();
-    let mut note = |key: String, message: &str| oddities.add(key, message);
     for name in parameters.keys().filter(|name| !names.values.contains(name.as_str())) {
-        note(format!("parameters.{name}"), "nothing depends on it");
+        oddities.add(format!("parameters.{name}"), "nothing depends on it");
     }
     for name in inputs.keys().filter(|name| !names.values.contains(name.as_str())) {
-        note(format!("inputs.{name}"), "no force, effort or acceleration depends on it");
+        oddities.add(format!("inputs.{name}"), "no force, effort or acceleration depends on it");
     }
     for name in tables.keys().filter(|name| !names.tables.contains(name.as_str())) {
-        note(format!("tables.{name}"), "no expression uses it");
+        oddities.add(format!("tables.{name}"), "no expression uses it");
     }
     for name in variables.keys().filter(|name| !names.values.contains(name.as_str())) {
-        note(format!("variables.{name}"), "no expression uses it");
+        oddities.add(format!("variables.{name}"), "no expression uses it");
     }
     for name in states.keys().filter(|name| !names.values.contains(name.as_str())) {
-        note(format!("states.{name}"), "no expression and no output uses it");
+        oddities.add(format!("states.{name}"), "no expression and no output uses it");
     }
     for point in ground.points.keys().filter(|point| !names.has(&format!("ground.{point}"))) {
-        note(format!("ground.points.{point}"), "nothing uses this point");
+        oddities.add(format!("ground.points.{point}"), "nothing uses this point");
     }
     for (name, BodyOptions { points, .. }) in bodies {
         if !names.holds_or_moves(name) {
-            note(format!("bodies.{name}"), "no joint, spring, force or actuator is attached to it");
+            oddities.add(format!("bodies.{name}"), "no joint, spring, force or actuator is attached to it");
         }
         for point in points.keys().filter(|point| !names.has(&format!("{name}.{point}"))) {
-            note(format!("bodies.{name}.points.{point}"), "nothing uses this point");
+            oddities.add(format!("bodies.{name}.points.{point}"), "nothing uses this point");
         }
     }
     for (name, SpringOptions { stiffness, rest, .. }) in springs {
         if is_zero(stiffness) && !is_zero(rest) {
-            note(format!("springs.{name}.rest"), "has no effect without `stiffness`");
+            oddities.add(format!("springs.{name}.rest"), "has no effect without `stiffness`");
         }
     }
     for (name, _) in forces.iter().filter(|(_, force)| force.force.iter().all(is_zero)) {
-        note(format!("forces.{name}.force"), "is zero: it has no effect");
+        oddities.add(format!("forces.{name}.force"), "is zero: it has no effect");
     }
     for (name, _) in actuators.iter().filter(|(_, actuator)| is_zero(&actuator.effort)) {
-        note(format!("actuators.{name}.effort"), "is zero: it has no effect");
+        oddities.add(format!("actuators.{name}.effort"), "is zero: it has no effect");
     }
     oddities
 }

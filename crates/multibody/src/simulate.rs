@@ -9,7 +9,7 @@ use super::{
     error::{MotionCause, MotionError},
     formulation::{Acceleration, Formulation, mobility},
     kinematics,
-    model::{ActuatorState, MultibodyModel, Sample, Spring},
+    model::{MultibodyModel, Sample, Spring},
     switches::{Branch, Stops},
 };
 use crate::integrate::{
@@ -396,17 +396,17 @@ impl Stretch<'_> {
     fn rates_of_actuators(&self) -> Vec<(&str, f64)> {
         let (q, t) = (self.guess.borrow(), self.budget.reached());
         let rest = DVector::zeros(q.len());
-        let rate = |(index, state): (usize, &'_ ActuatorState)| {
+        let states = self.model.actuator_states.iter().enumerate();
+        let rates = states.map(|(index, state)| {
             let by = f64::EPSILON.cbrt() * (1.0 + self.z[index].abs());
             let [low, high] = [-by, by].map(|by| {
                 let mut z = self.z.to_vec();
                 z[index] += by;
                 state.rate.value(t, &*q, &rest, &self.model.at(t, &z))
             });
-            ((high - low) / (2.0 * by)).abs()
-        };
-        let states = self.model.actuator_states.iter();
-        states.enumerate().map(|(index, state)| (state.owner.as_str(), rate((index, state)))).collect()
+            (state.owner.as_str(), ((high - low) / (2.0 * by)).abs())
+        });
+        rates.collect()
     }
 
     /// Notes where arguments with bends are in the state whose derivative was found last.
@@ -433,11 +433,11 @@ impl Stretch<'_> {
         let u = self.model.at(t, &z);
         let acceleration = self.formulation.accelerate(self.model, t, (&q, &v), &u);
         let rates = self.model.actuator_rates(t, &q, &v, &u);
-        let is_finite = |qdd: &DVector<f64>| qdd.iter().all(|value| value.is_finite());
+        let is_finite = acceleration.as_ref().is_ok_and(|acceleration| acceleration.qdd.iter().all(|x| x.is_finite()))
+            && rates.iter().all(|rate| rate.is_finite());
         // stages after one that was not a number have no time either
         if t.is_finite()
-            && !(acceleration.as_ref().is_ok_and(|acceleration| is_finite(&acceleration.qdd))
-                && rates.iter().all(|rate| rate.is_finite()))
+            && !is_finite
             && let Some(error) = self.model.undefined_force(t, &q, &v, &u)
         {
             self.undefined.replace(Some(error.clone()));

@@ -15,10 +15,8 @@ impl MultibodyModel {
     /// Which joint cannot be closed, which constraint is redundant, which initial condition contradicts; no static equilibrium is found.
     pub fn initial_state(&self, t: f64) -> Result<(DVector<f64>, DVector<f64>), MotionError> {
         let (mut q, mut v) = (self.position_guess.clone(), self.velocity_guess.clone());
-        let with = |conditions: &Constraints| -> Constraints {
-            self.constraints.iter().chain(&**conditions).cloned().collect()
-        };
-        let (positions, velocities) = (with(&self.initial_positions), with(&self.initial_velocities));
+        let [positions, velocities] = [&self.initial_positions, &self.initial_velocities]
+            .map(|conditions| -> Constraints { self.constraints.iter().chain(&**conditions).cloned().collect() });
         positions.assemble(t, &mut q)?;
         if let Some(constraint) = self.deciding.first_dependent(&self.deciding.gradients(&q)) {
             let owner = &constraint.owner;

@@ -4,10 +4,7 @@ use super::{
     description::{Description, ExtrapolationKind, InterpolationKind, TableOptions, TableValues},
     expression::Tables,
 };
-use crate::{
-    diagnostics::{Place, Problems},
-    table::Table,
-};
+use crate::{diagnostics::Problems, table::Table};
 use metafmu_runtime::formula::{Extrapolation, Interpolation, LookupTable};
 use std::{fmt, path::Path, sync::Arc};
 
@@ -71,31 +68,33 @@ fn read_grid(table: &mut Table, of_knots: [usize; 2], of_values: usize) -> crate
         let [x, y] = [table.number(of_knots[0])? + 0.0, table.number(of_knots[1])? + 0.0];
         rows.push((x, y, table.number(of_values)?, table.place()));
     }
-    let knots = |of: fn(&(f64, f64, f64, Place)) -> f64| {
-        let mut knots: Vec<f64> = rows.iter().map(of).collect();
-        knots.sort_unstable_by(f64::total_cmp);
-        knots.dedup();
-        knots
-    };
-    let (x, y) = (knots(|row| row.0), knots(|row| row.1));
+    let x = knots(rows.iter().map(|row| row.0).collect());
+    let y = knots(rows.iter().map(|row| row.1).collect());
     rows.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
-    let name = |knots: usize| table.columns()[of_knots[knots]].name.clone();
-    let pair = |x: f64, y: f64| format!("{} = {x}, {} = {y}", name(0), name(1));
+    let [of_x, of_y] = of_knots.map(|column| table.columns()[column].name.clone());
     if let Some(rows) = rows.windows(2).find(|rows| (rows[0].0, rows[0].1) == (rows[1].0, rows[1].1)) {
         let (x, y, _, place) = &rows[1];
-        let message = format!("{}: a second row, expected one for each pair", pair(*x, *y));
+        let message = format!("{of_x} = {x}, {of_y} = {y}: a second row, expected one for each pair");
         return Err(table.mistake_at(*place, &message));
     }
     let pairs = x.iter().flat_map(|x| y.iter().map(move |y| (*x, *y)));
     let mut found = rows.iter();
     for (x, y) in pairs {
         if found.next().is_none_or(|row| (row.0, row.1) != (x, y)) {
-            return Err(table.mistake_in_header(&format!("no row with {}, expected one for each pair", pair(x, y))));
+            let message = format!("no row with {of_x} = {x}, {of_y} = {y}, expected one for each pair");
+            return Err(table.mistake_in_header(&message));
         }
     }
     let values: Vec<f64> = rows.iter().map(|row| row.2).collect();
     let values = values.chunks(y.len()).map(|row| TableValues::Row(row.to_vec())).collect();
     Ok((x, Some(y), values))
+}
+
+/// Numbers in increasing order, each once.
+fn knots(mut numbers: Vec<f64>) -> Vec<f64> {
+    numbers.sort_unstable_by(f64::total_cmp);
+    numbers.dedup();
+    numbers
 }
 
 /// The tables by their names, and the problems of the others.

@@ -80,9 +80,14 @@ impl MultibodyBuilder<'_> {
             return Err(ContactError { field: "line", message });
         }
         let along = (to.local - from.local) / length;
-        let projection = |axis| Coordinate::Projection { from, to: point, frame: from.frame, axis };
+        let [x, y] = [along, Vector2::new(-along.y, along.x)].map(|axis| Coordinate::Projection {
+            from,
+            to: point,
+            frame: from.frame,
+            axis,
+        });
         let angle = Coordinate::Angle { from: from.frame, to: point.frame };
-        Ok([projection(along), projection(Vector2::new(-along.y, along.x)), angle])
+        Ok([x, y, angle])
     }
 
     /// Point that a key of a contact names.

@@ -39,8 +39,8 @@ struct SpringPart<'a> {
 
 /// Along `x` and `y` of the first point's body, and the angle of the second against it.
 pub(super) fn bushing_coordinates([from, to]: [BodyPoint; 2]) -> [Coordinate; 3] {
-    let along = |axis| Coordinate::Projection { from, to, frame: from.frame, axis };
-    [along(Vector2::x()), along(Vector2::y()), Coordinate::Angle { from: from.frame, to: to.frame }]
+    let [x, y] = [Vector2::x(), Vector2::y()].map(|axis| Coordinate::Projection { from, to, frame: from.frame, axis });
+    [x, y, Coordinate::Angle { from: from.frame, to: to.frame }]
 }
 
 impl MultibodyBuilder<'_> {

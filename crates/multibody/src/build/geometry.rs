@@ -31,20 +31,17 @@ pub struct JointGeometry {
 /// The geometry of a description; none if it cannot be built of these values.
 pub fn geometry(description: &Description, values: &[f64]) -> Option<MechanismGeometry> {
     let mut builder = MultibodyBuilder::new(description, values);
-    let between = |builder: &mut MultibodyBuilder, [from, to]: &[String; 2]| {
-        Some([builder.point(from).ok()?, builder.point(to).ok()?])
-    };
     let mut joints = Vec::new();
     for (name, options) in &description.joints {
-        let (ends, axis) = (between(&mut builder, &options.between)?, builder.axis(name, options));
+        let (ends, axis) = (points(&mut builder, &options.between)?, builder.axis(name, options));
         joints.push(JointGeometry { kind: options.joint, ends, axis });
     }
     let springs = description.springs.values().filter_map(|spring| spring.between.as_ref());
     let bushings = description.bushings.values().map(|bushing| &bushing.between);
-    let springs = springs.chain(bushings).map(|ends| between(&mut builder, ends)).collect::<Option<Vec<_>>>()?;
+    let springs = springs.chain(bushings).map(|ends| points(&mut builder, ends)).collect::<Option<Vec<_>>>()?;
     let mut contacts = Vec::new();
     for (name, contact) in &description.contacts {
-        let (point, line) = (builder.point(&contact.point).ok()?, between(&mut builder, &contact.line)?);
+        let (point, line) = (builder.point(&contact.point).ok()?, points(&mut builder, &contact.line)?);
         contacts.push((point, builder.number(&format!("contacts.{name}.radius"), &contact.radius), line));
     }
     let mut links = vec![Vec::new(); description.bodies.len()];
@@ -72,4 +69,9 @@ pub fn geometry(description: &Description, values: &[f64]) -> Option<MechanismGe
         *link = different;
     }
     builder.problems.is_empty().then_some(MechanismGeometry { links, joints, springs, contacts })
+}
+
+/// The two points with these names.
+fn points(builder: &mut MultibodyBuilder, [from, to]: &[String; 2]) -> Option<[BodyPoint; 2]> {
+    Some([builder.point(from).ok()?, builder.point(to).ok()?])
 }

@@ -131,8 +131,8 @@ impl Ends {
 
 /// The components of a joint's force on the second body.
 fn force(rows: &Range<usize>) -> Measures {
-    let component = |component| Measure::JointForce { rows: rows.clone(), component };
-    vec![("fx", component(0)), ("fy", component(1))]
+    let [fx, fy] = [0, 1].map(|component| Measure::JointForce { rows: rows.clone(), component });
+    vec![("fx", fx), ("fy", fy)]
 }
 
 /// The moment of a joint that holds the angle.
