@@ -46,15 +46,15 @@ impl Assembled<'_> {
     /// An error that names the constraint that is singular on the way.
     pub fn positions(&self, s: &[f64]) -> Result<Vec<(usize, f64)>, MotionError> {
         let q = self.reduced.configuration(&DVector::from_column_slice(s))?;
-        let turned = |position: usize| -> f64 {
-            let windings = &self.outputs.windings.0[position * s.len()..][..s.len()];
-            windings.iter().zip(s).map(|(winding, s)| winding * s).sum()
-        };
         let unturned: Vec<f64> = self.outputs.windings.unturned(&self.positions, &q, s).collect();
         let positions = self.outputs.shown.iter().enumerate();
         Ok(positions
             .filter_map(|(output, shown)| match *shown {
-                Shown::Position(position) => Some((output, unturned[position] + turned(position))),
+                Shown::Position(position) => {
+                    let windings = &self.outputs.windings.0[position * s.len()..][..s.len()];
+                    let turned: f64 = windings.iter().zip(s).map(|(winding, s)| winding * s).sum();
+                    Some((output, unturned[position] + turned))
+                }
                 _ => None,
             })
             .collect())

@@ -44,7 +44,7 @@ impl KnownEfforts {
         let mut positions: Vec<(usize, usize)> = Vec::new();
         let mut occurs = Vec::new();
         for (expression, of) in bound.iter().enumerate() {
-            let of_slot = |slot: usize| {
+            let of_slots = (0..of.slots.len()).map(|slot| {
                 let this = (expression, slot);
                 at(this)[0]?;
                 let known = positions.iter().position(|known| at(*known) == at(this));
@@ -52,8 +52,8 @@ impl KnownEfforts {
                     positions.push(this);
                     positions.len() - 1
                 }))
-            };
-            occurs.push((0..of.slots.len()).map(of_slot).collect());
+            });
+            occurs.push(of_slots.collect());
         }
         Ok(Self { bound, positions, occurs, windings: Windings::default() })
     }
@@ -92,32 +92,26 @@ impl KnownEfforts {
 
     /// Returns true if a formula has a function that repeats itself: a periodic table, or a sine, cosine or tangent.
     pub(super) fn have_periods(&self) -> bool {
-        let repeats = |step: &FormulaStep| match step {
-            FormulaStep::Lookup(table) => (0..table.axes().len()).any(|axis| table.period(axis).is_some()),
-            FormulaStep::Call(function) => {
-                matches!(function, ElementaryFunction::Sin | ElementaryFunction::Cos | ElementaryFunction::Tan)
-            }
-            _ => false,
-        };
-        self.bound.iter().any(|bound| bound.formula.steps().iter().any(repeats))
+        self.bound.iter().any(|bound| bound.formula.steps().iter().any(is_periodic))
     }
 
     /// Returns true if a position, not its rate alone, occurs that moves along with one of `n` coordinates.
     pub(super) fn has_position_along(&self, coordinate: usize, n: usize) -> bool {
-        let moves = |(slot, occurs): (&Slot, &Option<usize>)| match (slot, occurs) {
+        self.slots().any(|(slot, occurs)| match (slot, occurs) {
             (Slot::Position(_), Some(position)) => self.windings.0[position * n + coordinate] != 0.0,
             _ => false,
-        };
-        let mut formulas = self.bound.iter().zip(&self.occurs);
-        formulas.any(|(bound, occurs)| bound.slots.iter().zip(occurs).any(moves))
+        })
     }
 
     /// Returns true if the value of a position, not its rate alone, occurs.
     pub(super) fn has_position(&self, position: usize) -> bool {
-        let is_value =
-            |(slot, occurs): (&Slot, &Option<usize>)| matches!(slot, Slot::Position(_)) && *occurs == Some(position);
-        let mut formulas = self.bound.iter().zip(&self.occurs);
-        formulas.any(|(bound, occurs)| bound.slots.iter().zip(occurs).any(is_value))
+        self.slots().any(|(slot, occurs)| matches!(slot, Slot::Position(_)) && occurs == Some(position))
+    }
+
+    /// The slots of all formulas, each with its position, if it has one.
+    fn slots(&self) -> impl Iterator<Item = (&Slot, Option<usize>)> {
+        let formulas = self.bound.iter().zip(&self.occurs);
+        formulas.flat_map(|(bound, occurs)| bound.slots.iter().zip(occurs.iter().copied()))
     }
 
     /// Returns true if a parameter occurs, by its position in the mechanism.
@@ -131,8 +125,22 @@ impl KnownEfforts {
     /// # Errors
     /// An error: a formula depends on time.
     pub(super) fn formulas(&self, varied: &[usize], inputs: usize, coordinates: usize) -> Result<Efforts, MotionError> {
+        let formulas = self.bound.iter().zip(&self.occurs).map(|(bound, occurs)| -> Result<Formula, MotionError> {
+            let leaves = bound.slots.iter().zip(occurs).map(|(slot, occurs)| self.leaf(slot, *occurs, varied, inputs));
+            let leaves = leaves.collect::<Option<Vec<_>>>().ok_or_else(|| {
+                let message = format!("`{}` depends on time", bound.text);
+                MotionError::new(MotionCause::Unsuitable, message)
+            })?;
+            Ok(bound.formula.with_columns(|name| leaves[name].clone())?)
+        });
+        let formulas = formulas.collect::<Result<_, _>>()?;
+        Ok(Efforts::new([varied.len(), inputs, coordinates], self.windings.0.clone(), formulas)?)
+    }
+
+    /// Leaf of a formula for a slot: a column of a varied parameter, an input, a position or its rate, or a constant; None for the time.
+    fn leaf(&self, slot: &Slot, occurs: Option<usize>, varied: &[usize], inputs: usize) -> Option<FormulaStep> {
         let first = varied.len() + inputs;
-        let step = |slot: &Slot, occurs: &Option<usize>| match (slot, occurs) {
+        match (slot, occurs) {
             (Slot::Parameter(parameter, value), _) => match varied.iter().position(|known| known == parameter) {
                 Some(column) => Some(FormulaStep::Column(column)),
                 None => Some(FormulaStep::Constant(*value)),
@@ -141,18 +149,18 @@ impl KnownEfforts {
             (Slot::Position(_), Some(position)) => Some(FormulaStep::Column(first + position)),
             (Slot::Velocity(_), Some(position)) => Some(FormulaStep::Column(first + self.positions() + position)),
             (Slot::Time | Slot::Position(_) | Slot::Velocity(_), _) => None,
-        };
-        let formula = |(bound, occurs): (&BoundExpression, &Vec<Option<usize>>)| -> Result<Formula, MotionError> {
-            let leaves =
-                bound.slots.iter().zip(occurs).map(|(slot, occurs)| step(slot, occurs)).collect::<Option<Vec<_>>>();
-            let leaves = leaves.ok_or_else(|| {
-                let message = format!("`{}` depends on time", bound.text);
-                MotionError::new(MotionCause::Unsuitable, message)
-            })?;
-            Ok(bound.formula.with_columns(|name| leaves[name].clone())?)
-        };
-        let formulas = self.bound.iter().zip(&self.occurs).map(formula).collect::<Result<_, _>>()?;
-        Ok(Efforts::new([varied.len(), inputs, coordinates], self.windings.0.clone(), formulas)?)
+        }
+    }
+}
+
+/// Returns true if a step of a formula may have the same value a period later.
+fn is_periodic(step: &FormulaStep) -> bool {
+    match step {
+        FormulaStep::Lookup(table) => (0..table.axes().len()).any(|axis| table.period(axis).is_some()),
+        FormulaStep::Call(function) => {
+            matches!(function, ElementaryFunction::Sin | ElementaryFunction::Cos | ElementaryFunction::Tan)
+        }
+        _ => false,
     }
 }
 

@@ -14,7 +14,6 @@ use metafmu_runtime::{
 use nalgebra::DVector;
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 use rayon::prelude::*;
-use std::ops::Range;
 
 /// The equations of motion of a mechanism in a region.
 pub struct Equations<'a> {
@@ -116,21 +115,21 @@ impl<'a> Equations<'a> {
     ) -> Result<[Dictionary; 2], DictionaryError> {
         let (factors, scales, [of_equations, _]) = (self.factors(), self.scales(samples), self.counts());
         let ranges = [0..of_equations, of_equations..scales.len()];
-        let of = |range: &Range<usize>, depends: &[bool]| {
+        let [of_equations, of_positions] = [0, 1].map(|kind| -> Result<Dictionary, DictionaryError> {
+            let (range, depends) = (&ranges[kind], &dependencies[kind]);
             let functions: Vec<usize> = range.clone().collect();
-            let part = |samples: &EquationSamples| EquationSamples {
+            let [samples, unseen] = [samples, unseen].map(|samples| EquationSamples {
                 points: samples.points.clone(),
                 labels: samples.labels.select(&functions),
-            };
-            let is_used = |exponents: &Vec<i16>| exponents.iter().zip(depends).all(|(e, depends)| *e == 0 || *depends);
-            let exponents: Vec<Vec<i16>> =
-                terms::exponents(&factors, FIRST_ORDER).into_iter().filter(is_used).collect();
+            });
+            let mut exponents = terms::exponents(&factors, FIRST_ORDER);
+            exponents.retain(|exponents| terms::uses_only(exponents, depends));
             let scales = &scales[range.clone()];
             let set = factors[..].into();
-            let (coefficients, _) = least_squares::solve(set, &exponents, &part(samples), &part(unseen), scales)?;
+            let (coefficients, _) = least_squares::solve(set, &exponents, &samples, &unseen, scales)?;
             least_squares::dictionary(set, &exponents, &coefficients, 0..scales.len())
-        };
-        Ok([of(&ranges[0], &dependencies[0])?, of(&ranges[1], &dependencies[1])?])
+        });
+        Ok([of_equations?, of_positions?])
     }
 
     /// The accelerations in random states `(q, p, v, u)`.
@@ -146,8 +145,7 @@ impl<'a> Equations<'a> {
     /// # Errors
     /// As [`fit`](super::fit).
     pub fn dependencies(&self, samples: &EquationSamples) -> Result<Vec<Vec<bool>>, MotionError> {
-        let functions = |point: &[f64]| self.labels.at(point).map(|label| label.functions);
-        dependencies(samples, &functions, &self.scales(samples))
+        dependencies(samples, &|point| Ok(self.labels.at(point)?.functions), &self.scales(samples))
     }
 
     /// For each of `(q, p, v, u)`, true if it changes the accelerations.
@@ -214,16 +212,20 @@ impl<'a> Equations<'a> {
 
     /// A random state `(q, p, v, u)`; one `near_rest` has small velocities more often: there friction changes fastest.
     fn state(&self, near_rest: bool, random: &mut ChaCha8Rng) -> Vec<f64> {
-        let mut within = |[min, max]: [f64; 2]| min + random.random::<f64>() * (max - min);
-        let mut state: Vec<f64> = self.labels.ranges().map(|range| within([range.min, range.max])).collect();
+        let mut state: Vec<f64> = self.labels.ranges().map(|range| uniform(random, [range.min, range.max])).collect();
         for &[min, max] in &self.region.velocities {
-            let share = within([-1.0, 1.0]);
+            let share = uniform(random, [-1.0, 1.0]);
             let share = if near_rest { share.powi(3) } else { share };
             state.push(0.5 * (min + max) + 0.5 * share * (max - min));
         }
-        state.extend(self.region.inputs.iter().map(|range| within(*range)));
+        state.extend(self.region.inputs.iter().map(|range| uniform(random, *range)));
         state
     }
+}
+
+/// A random number in a range.
+fn uniform(random: &mut ChaCha8Rng, [min, max]: [f64; 2]) -> f64 {
+    min + random.random::<f64>() * (max - min)
 }
 
 impl EquationsWithParameters<'_> {
@@ -250,7 +252,7 @@ fn dependencies(
     let columns = samples.points.width();
     let points = samples.points.iter().zip(&samples.labels).zip(samples.points.iter().skip(1)).take(COMPARED);
     let points: Vec<_> = points.collect();
-    let changes = |column: usize| {
+    let changes = (0..columns).into_par_iter().map(|column| {
         let mut changed = vec![false; scales.len()];
         for ((point, label), other) in &points {
             let mut moved = point.to_vec();
@@ -262,6 +264,6 @@ fn dependencies(
             }
         }
         Ok(changed)
-    };
-    (0..columns).into_par_iter().map(changes).collect()
+    });
+    changes.collect()
 }

@@ -17,7 +17,7 @@ use crate::multibody::{
 use metafmu_runtime::{
     Dynamics, Efforts,
     dictionary::{Factor, SplineFactor},
-    formula::FormulaStep,
+    formula::{FormulaStep, LookupTable},
 };
 use nalgebra::DVector;
 use std::{borrow::Cow, f64::consts::TAU, ops::Range, sync::Arc};
@@ -222,15 +222,13 @@ impl<'a> MechanismRegion<'a> {
     /// Number of turns of a harmonic angle after which efforts are the same; none if they never are. Only formulas that repeat themselves do
     /// so after several turns.
     fn period(&self, reduced: &Reduced, k: usize) -> Option<u32> {
-        let repeats = |turns: u32, shifts: &[f64]| self.repeats(reduced, k, Some(turns), shifts);
         if !self.efforts.have_periods() {
-            return repeats(1, &SHIFTS).then_some(1);
+            return self.repeats(reduced, k, Some(1), &SHIFTS).then_some(1);
         }
-        let everywhere = |turns: u32| -> Vec<f64> {
-            let shifts = (0..SHIFTS_OF_TURN * turns).map(|index| f64::from(index) + FIRST_SHIFT);
-            shifts.map(|shift| shift / f64::from(SHIFTS_OF_TURN)).collect()
-        };
-        (1..=MOST_TURNS).find(|&turns| repeats(turns, &SHIFTS) && repeats(turns, &everywhere(turns)))
+        (1..=MOST_TURNS).find(|&turns| {
+            self.repeats(reduced, k, Some(turns), &SHIFTS)
+                && self.repeats(reduced, k, Some(turns), &shifts_everywhere(turns))
+        })
     }
 
     /// Returns true if a coordinate is an angle and forces are the same a turn later: the torque of a spring on a joint is not. An angle
@@ -241,28 +239,11 @@ impl<'a> MechanismRegion<'a> {
             return false;
         }
         let turns = of_efforts.map_or(1.0, f64::from);
-        let (rates, inputs) = self.probe();
-        let forces = |turns: f64| {
-            let mut s = reduced.start().0.clone();
-            s[k] += turns * TAU;
-            let terms = reduced.terms(&s).ok()?;
-            if of_efforts.is_some() {
-                let [rest, moving] = [&(0.0 * &rates), &rates].map(|v| {
-                    let of_actuators = reduced.model().actuator_rates(0.0, &terms.q, &(&terms.velocities * v), &inputs);
-                    let forces = reduced.force(&terms, v, &inputs);
-                    DVector::from_iterator(
-                        forces.len() + of_actuators.len(),
-                        forces.iter().copied().chain(of_actuators),
-                    )
-                });
-                return Some([rest, moving]);
-            }
-            let unit = DVector::from_element(terms.effort_map.ncols(), 1.0);
-            Some([terms.potential_force.clone(), &terms.effort_map * unit - &terms.damping * &rates])
-        };
         // one after the other: each configuration is followed from the one before
-        let [before, after] =
-            [0.0, turns].map(|turns| shifts.iter().map(|shift| forces(shift + turns)).collect::<Vec<_>>());
+        let [before, after] = [0.0, turns].map(|turns| {
+            let forces = shifts.iter().map(|shift| self.forces_after(reduced, k, shift + turns, of_efforts.is_some()));
+            forces.collect::<Vec<_>>()
+        });
         let pairs = before.into_iter().zip(after).filter_map(|(before, after)| Option::zip(before, after));
         let pairs: Vec<[DVector<f64>; 2]> = pairs
             .flat_map(|([rest, moving], after)| {
@@ -273,14 +254,31 @@ impl<'a> MechanismRegion<'a> {
         let n = self.coordinates();
         let further = pairs.first().map_or(0, |[forces, _]| forces.len() - n);
         self.alike.iter().cloned().chain((0..further).map(|state| vec![n + state])).all(|rows| {
-            let of_rows = |forces: &DVector<f64>| forces.select_rows(&rows);
             // where forces vanish, rounding is left of them
-            let largest = pairs.iter().flatten().map(|forces| of_rows(forces).amax()).fold(0.0, f64::max);
+            let largest = pairs.iter().flatten().map(|forces| forces.select_rows(&rows).amax()).fold(0.0, f64::max);
             pairs.iter().all(|[before, after]| {
-                let change = of_rows(before) - of_rows(after);
+                let change = before.select_rows(&rows) - after.select_rows(&rows);
                 change.iter().all(|change| change.is_nan() || change.abs() <= 1e-8 * largest)
             })
         })
+    }
+
+    /// Forces this number of turns of an angle after the start: with the efforts, at rest and in motion, or the potential ones, and what
+    /// damping and efforts of one do. None if the configuration cannot be reached.
+    fn forces_after(&self, reduced: &Reduced, k: usize, turns: f64, with_efforts: bool) -> Option<[DVector<f64>; 2]> {
+        let (rates, inputs) = self.probe();
+        let mut s = reduced.start().0.clone();
+        s[k] += turns * TAU;
+        let terms = reduced.terms(&s).ok()?;
+        if !with_efforts {
+            let unit = DVector::from_element(terms.effort_map.ncols(), 1.0);
+            return Some([terms.potential_force.clone(), &terms.effort_map * unit - &terms.damping * &rates]);
+        }
+        Some([&(0.0 * &rates), &rates].map(|v| {
+            let of_actuators = reduced.model().actuator_rates(0.0, &terms.q, &(&terms.velocities * v), &inputs);
+            let forces = reduced.force(&terms, v, &inputs);
+            DVector::from_iterator(forces.len() + of_actuators.len(), forces.iter().copied().chain(of_actuators))
+        }))
     }
 
     /// Returns true if the learned positions are equal a turn later, with the parameters of a point. A rack whose
@@ -321,8 +319,9 @@ impl<'a> MechanismRegion<'a> {
         let forces = |row: usize| terms.iter().map(move |terms| terms.potential_force[row]);
         let least =
             |row: usize| UNCHANGED * terms.iter().map(|terms| largest_force(reduced, terms, row)).fold(0.0, f64::max);
-        let is_same = |row: usize| forces(row).all(|force| (force - terms[0].potential_force[row]).abs() <= least(row));
-        (0..self.coordinates()).all(is_same) && forces(k).all(|force| force.abs() > least(k))
+        let is_uniform = (0..self.coordinates())
+            .all(|row| forces(row).all(|force| (force - terms[0].potential_force[row]).abs() <= least(row)));
+        is_uniform && forces(k).all(|force| force.abs() > least(k))
     }
 
     /// Returns true if the potential differs a turn of an angle later by more than rounding explains. Where the mechanism starts its forces
@@ -349,17 +348,18 @@ impl<'a> MechanismRegion<'a> {
     /// Uniform forces of the potential, functions of the parameters: the mean over a turn along a harmonic angle, that at the start along
     /// any other coordinate, zero where there is none.
     fn uniform_forces(&self, reduced: &Reduced) -> Result<Vec<f64>, MotionError> {
-        let along = |k: usize| {
-            if !self.is_uniform[k] {
-                return Ok(0.0);
-            }
-            if self.is_harmonic[k] {
-                let [before, after] = [0.0, 1.0].map(|turns| self.potential_after(reduced, k, turns));
-                return Ok((before? - after?) / TAU);
-            }
-            Ok(reduced.terms(reduced.start().0)?.potential_force[k])
-        };
-        (0..self.coordinates()).map(along).collect()
+        (0..self.coordinates()).map(|k| self.uniform_force(reduced, k)).collect()
+    }
+
+    fn uniform_force(&self, reduced: &Reduced, k: usize) -> Result<f64, MotionError> {
+        if !self.is_uniform[k] {
+            return Ok(0.0);
+        }
+        if self.is_harmonic[k] {
+            let [before, after] = [0.0, 1.0].map(|turns| self.potential_after(reduced, k, turns));
+            return Ok((before? - after?) / TAU);
+        }
+        Ok(reduced.terms(reduced.start().0)?.potential_force[k])
     }
 
     /// For each coordinate, the number of turns after which equations and efforts are the same; none if they never are.
@@ -376,13 +376,11 @@ impl<'a> MechanismRegion<'a> {
 
     /// Periodic angles are angles; everything else is a power in its range.
     pub(super) fn factors(&self) -> Vec<Factor> {
-        let is_angle = |column: usize| self.is_harmonic.get(column).copied().unwrap_or(false);
-        let power = |range: &QuantityRange| Factor::Power {
-            middle: 0.5 * (range.min + range.max),
-            half: 0.5 * (range.max - range.min),
-        };
-        let ranges = self.ranges().enumerate();
-        ranges.map(|(column, range)| if is_angle(column) { Factor::Angle } else { power(range) }).collect()
+        let factors = self.ranges().enumerate().map(|(column, range)| match self.is_harmonic.get(column) {
+            Some(true) => Factor::Angle,
+            _ => Factor::Power { middle: 0.5 * (range.min + range.max), half: 0.5 * (range.max - range.min) },
+        });
+        factors.collect()
     }
 
     /// Splines by which coordinates of the mechanism follow those of the region: lifts of cams. Splines whose slope or
@@ -398,12 +396,8 @@ impl<'a> MechanismRegion<'a> {
                 let Slot::Position(argument) = bound.slots[*argument] else { continue };
                 let Some(column) = reduced.coordinates().iter().position(|known| *known == argument) else { continue };
                 let QuantityRange { min, max, .. } = self.region.coordinates[column];
-                let is_inside = || {
-                    let knots = &table.axes()[0];
-                    knots[0] <= min && max <= knots[knots.len() - 1]
-                };
                 let spline = SplineFactor { column, table: Arc::clone(table) };
-                let is_smooth = table.derivatives().is_ok() && (table.period(0).is_some() || is_inside());
+                let is_smooth = table.derivatives().is_ok() && (table.period(0).is_some() || spans(table, min, max));
                 if is_smooth && !splines.contains(&spline) {
                     splines.push(spline);
                 }
@@ -442,12 +436,8 @@ impl<'a> MechanismRegion<'a> {
         for (force, QuantityRange { min, max, .. }) in self.uniform().zip(&self.region.coordinates) {
             largest[potential] = largest[potential].max(largest[force] * (max - min));
         }
-        let mut share = |group: &[usize]| {
-            let scale = group.iter().map(|function| largest[*function]).fold(0.0, f64::max);
-            group.iter().for_each(|function| largest[*function] = if scale > 0.0 { scale } else { 1.0 });
-        };
         for count in [n * (n + 1) / 2, 1] {
-            share(&(begin..begin + count).collect::<Vec<_>>());
+            share_scale(&mut largest, &(begin..begin + count).collect::<Vec<_>>());
             begin += count;
         }
         let in_efforts = self.efforts.are_angles().zip(begin..);
@@ -455,7 +445,8 @@ impl<'a> MechanismRegion<'a> {
         // uniform forces, damping, map of the efforts, row by row
         for width in [1, n, self.efforts()] {
             for rows in &self.alike {
-                share(&rows.iter().flat_map(|row| begin + row * width..begin + (row + 1) * width).collect::<Vec<_>>());
+                let group = rows.iter().flat_map(|row| begin + row * width..begin + (row + 1) * width);
+                share_scale(&mut largest, &group.collect::<Vec<_>>());
             }
             begin += n * width;
         }
@@ -477,12 +468,12 @@ impl<'a> MechanismRegion<'a> {
         let n = self.coordinates();
         let of_outputs = self.outputs.positions.iter().map(Coordinate::is_angle).zip(self.outputs.windings.0.chunks(n));
         let of_efforts = self.efforts.are_angles().zip(self.efforts.windings.0.chunks(n));
-        let travel = |windings: &[f64]| -> f64 {
+        let lengths = of_outputs.chain(of_efforts).filter(|(is_angle, _)| !is_angle);
+        let travels = lengths.map(|(_, windings)| -> f64 {
             let ways = windings.iter().zip(&self.region.coordinates);
             ways.map(|(winding, range)| winding.abs() * (range.max - range.min)).sum()
-        };
-        let lengths = of_outputs.chain(of_efforts).filter(|(is_angle, _)| !is_angle);
-        lengths.map(|(_, windings)| travel(windings)).fold(0.0, f64::max)
+        });
+        travels.fold(0.0, f64::max)
     }
 
     /// The functions at a point.
@@ -556,10 +547,13 @@ impl<'a> MechanismRegion<'a> {
 
     /// Rates of both signs and different sizes, and inputs: where it is checked whether forces are finite, and periodic.
     fn probe(&self) -> (DVector<f64>, Vec<f64>) {
-        let rate = |row: usize| if row.is_multiple_of(2) { -2.5 } else { 1.75 } + 0.1 * row as f64;
+        let rates = DVector::from_fn(self.coordinates(), |row, _| {
+            let base = if row.is_multiple_of(2) { -2.5 } else { 1.75 };
+            base + 0.1 * row as f64
+        });
         let inputs = self.input_ranges().enumerate();
         let inputs = inputs.map(|(k, [min, max])| min + [0.8, 0.3, 0.55][k % 3] * (max - min)).collect();
-        (DVector::from_fn(self.coordinates(), |row, _| rate(row)), inputs)
+        (rates, inputs)
     }
 
     /// The ranges of the region, or of the mechanism file; actuator states without a range are as at the start.
@@ -584,6 +578,24 @@ impl<'a> MechanismRegion<'a> {
         let terms = reduced.terms(&s).map_err(|error| self.explain(point, error))?;
         Ok(Configured { reduced, terms })
     }
+}
+
+/// Shifts all over this number of turns, in turns.
+fn shifts_everywhere(turns: u32) -> Vec<f64> {
+    let shifts = (0..SHIFTS_OF_TURN * turns).map(|index| f64::from(index) + FIRST_SHIFT);
+    shifts.map(|shift| shift / f64::from(SHIFTS_OF_TURN)).collect()
+}
+
+/// Returns true if the knots of a table's first axis enclose a range.
+fn spans(table: &LookupTable, min: f64, max: f64) -> bool {
+    let knots = &table.axes()[0];
+    knots[0] <= min && max <= knots[knots.len() - 1]
+}
+
+/// Gives the functions of a group the largest of their scales, or 1 where all are zero.
+fn share_scale(scales: &mut [f64], group: &[usize]) {
+    let largest = group.iter().map(|function| scales[*function]).fold(0.0, f64::max);
+    group.iter().for_each(|function| scales[*function] = if largest > 0.0 { largest } else { 1.0 });
 }
 
 fn unknown_parameter(name: &str) -> MotionError {

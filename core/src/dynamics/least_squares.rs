@@ -77,11 +77,11 @@ pub(super) fn solve(
     if set.splines.is_empty() {
         return Ok((coefficients, error));
     }
-    let matters = |term: &usize| {
+    let kept = (0..exponents.len()).filter(|term| {
         let row = coefficients.row(*term);
         row.iter().zip(scales).any(|(value, scale)| value.abs() * sizes[*term] > LITTLE * scale)
-    };
-    let kept: Vec<usize> = (0..exponents.len()).filter(matters).collect();
+    });
+    let kept: Vec<usize> = kept.collect();
     let fewer: Vec<Vec<i16>> = kept.iter().map(|term| exponents[*term].clone()).collect();
     match solve_for(set, &fewer, samples, unseen, scales) {
         Ok(found) if found.error <= 2.0 * error.max(ROUNDING) => {
@@ -104,8 +104,7 @@ pub(super) fn solve_with(
     unseen: &EquationSamples,
     scales: &[f64],
 ) -> Result<(DMatrix<f64>, f64), DictionaryError> {
-    let is_used = |term: &usize| exponents[*term].iter().zip(used).all(|(exponent, used)| *exponent == 0 || *used);
-    let kept: Vec<usize> = (0..exponents.len()).filter(is_used).collect();
+    let kept: Vec<usize> = (0..exponents.len()).filter(|term| terms::uses_only(&exponents[*term], used)).collect();
     let of_used: Vec<Vec<i16>> = kept.iter().map(|term| exponents[*term].clone()).collect();
     let (coefficients, error) = solve(set, &of_used, samples, unseen, scales)?;
     let mut all = DMatrix::zeros(exponents.len(), scales.len());
@@ -129,10 +128,11 @@ fn solve_for(
 ) -> Result<Solved, DictionaryError> {
     let (rows, functions) = (samples.points.len(), scales.len());
     let matrix = terms::values(set, exponents, &samples.points).map_err(DictionaryError::Format)?;
-    let has_splines = |exponents: &Vec<i16>| exponents[set.factors.len()..].iter().any(|power| *power != 0);
     // powers of splines may be small or large; sines, cosines and other powers are one at most
-    let columns = exponents.iter().zip(matrix.column_iter());
-    let sizes = columns.map(|(exponents, column)| if has_splines(exponents) { column.amax() } else { 1.0 });
+    let sizes = exponents.iter().zip(matrix.column_iter()).map(|(exponents, column)| {
+        let has_splines = exponents[set.factors.len()..].iter().any(|power| *power != 0);
+        if has_splines { column.amax() } else { 1.0 }
+    });
     let sizes: Vec<f64> = sizes.collect();
     let mut sides = DMatrix::from_fn(rows, functions, |row, function| samples.labels[row][function]);
     let decomposition = matrix.qr();

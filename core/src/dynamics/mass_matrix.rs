@@ -97,7 +97,6 @@ impl MassMatrixProblem<'_> {
             largest.iter_mut().zip(label).for_each(|(largest, value)| *largest = largest.max(value.abs()));
         }
         let (n, e) = (self.velocities.len(), self.inputs.len());
-        let or_one = |scale: f64| if scale > 0.0 { scale } else { 1.0 };
         let (masses, rest) = largest.split_at_mut(n * (n + 1) / 2);
         let mass = or_one(masses.iter().copied().fold(0.0, f64::max));
         masses.fill(mass);
@@ -136,6 +135,11 @@ pub fn acceleration_error(dynamics: &Dynamics, exact: &EquationSamples) -> f64 {
     }
     let deviations = exact.standard_deviations();
     worst(squares.iter().zip(deviations).map(|(sum, deviation)| (sum / count).sqrt() / deviation))
+}
+
+/// A scale, or 1 for what is zero everywhere.
+fn or_one(scale: f64) -> f64 {
+    if scale > 0.0 { scale } else { 1.0 }
 }
 
 #[cfg(test)]

@@ -185,17 +185,19 @@ pub fn fit(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<FittedEq
     });
     straight.iter().for_each(|coordinate| equations.clear_along(coordinate.column, &coordinate.still));
     let counts = [labels.coordinates(), labels.efforts()];
-    let of_reactions = |exponents: &[Vec<i16>]| {
-        samples.extend(&labels, SampleDensity::Uniform, rows(exponents), seed)?;
-        let [seen, unseen] = [samples.reactions(rows(exponents)), unseen.reactions(UNSEEN)];
-        let sizes = samples.sizes;
-        let scales = reactions::scales(counts, &sizes, seen.labels.iter().chain(&unseen.labels));
-        least_squares::solve(set, exponents, &seen, &unseen, &scales).map_err(MotionError::from)
-    };
     let has_reactions = !labels.outputs().reactions.is_empty();
     // what makes one of them hard to learn does so with both
     let first = equations.order;
-    let reactions = has_reactions.then(|| raise_order((set, 2), (first, EXACT), of_reactions)).transpose()?;
+    let reactions = has_reactions.then(|| {
+        raise_order((set, 2), (first, EXACT), |exponents| {
+            samples.extend(&labels, SampleDensity::Uniform, rows(exponents), seed)?;
+            let [seen, unseen] = [samples.reactions(rows(exponents)), unseen.reactions(UNSEEN)];
+            let sizes = samples.sizes;
+            let scales = reactions::scales(counts, &sizes, seen.labels.iter().chain(&unseen.labels));
+            least_squares::solve(set, exponents, &seen, &unseen, &scales).map_err(MotionError::from)
+        })
+    });
+    let reactions = reactions.transpose()?;
     let (functions, of_equations) = (labels.functions(), labels.functions_of_equations());
     let [dynamics, positions] =
         [0..of_equations, of_equations..functions].map(|columns| equations.dictionary(set, columns));
@@ -262,8 +264,8 @@ fn raise_order<E: From<DictionaryError>>(
     (first, enough): ([usize; 2], f64),
     mut solve: impl FnMut(&[Vec<i16>]) -> Result<(DMatrix<f64>, f64), E>,
 ) -> Result<Solution, E> {
-    let has = |is_angle: bool| set.factors.iter().any(|factor| (*factor == Factor::Angle) == is_angle);
-    let (has_angles, has_powers) = (has(true), has(false));
+    let has_angles = set.factors.contains(&Factor::Angle);
+    let has_powers = set.factors.iter().any(|factor| *factor != Factor::Angle);
     let mut tried: Vec<[usize; 2]> = Vec::new();
     let mut try_order = |[harmonics, powers]: [usize; 2]| {
         let order = [if has_angles { harmonics } else { first[0] }, if has_powers { powers } else { first[1] }];
@@ -288,8 +290,9 @@ fn raise_order<E: From<DictionaryError>>(
             let mut next: Option<Solution> = None;
             for order in orders {
                 let found = try_order(*order)?;
-                let is_better = |found: &Solution| next.as_ref().is_none_or(|next| found.error < WORTH_IT * next.error);
-                if let Some(found) = found.filter(is_better) {
+                if let Some(found) = found
+                    && next.as_ref().is_none_or(|next| found.error < WORTH_IT * next.error)
+                {
                     next = Some(found);
                 }
             }
@@ -325,19 +328,24 @@ pub fn reach(mechanism: &Mechanism, region: &Region, corners: bool, seed: u64) -
     let labels = MechanismRegion::new(mechanism, region)?;
     let ranges: Vec<&QuantityRange> = labels.ranges().collect();
     let mut generator = ChaCha8Rng::seed_from_u64(seed);
-    let within = |share: &mut dyn FnMut(usize) -> f64| -> RegionPoint {
-        let values = ranges.iter().enumerate().map(|(k, range)| range.min + share(k) * (range.max - range.min));
-        values.collect()
-    };
-    let mut points: Vec<RegionPoint> = (0..REACHED).map(|_| within(&mut |_| generator.random::<f64>())).collect();
+    let mut points: Vec<RegionPoint> =
+        (0..REACHED).map(|_| point_within(&ranges, |_| generator.random::<f64>())).collect();
     let all = 1usize.checked_shl(ranges.len() as u32).unwrap_or(0);
     if corners && (1..=MOST_CORNERS).contains(&all) {
-        points.extend((0..all).map(|corner| within(&mut |k| f64::from(u8::from(corner >> k & 1 == 1)))));
+        points.extend((0..all).map(|corner| point_within(&ranges, |k| f64::from(u8::from(corner >> k & 1 == 1)))));
     } else if corners {
-        points.extend((0..MOST_CORNERS).map(|_| within(&mut |_| f64::from(u8::from(generator.random::<bool>())))));
+        let corners =
+            (0..MOST_CORNERS).map(|_| point_within(&ranges, |_| f64::from(u8::from(generator.random::<bool>()))));
+        points.extend(corners);
     }
     let reached: Vec<Result<(), MotionError>> = points.par_iter().map(|point| labels.reach(point)).collect();
     reached.into_iter().collect()
+}
+
+/// The point at a share of each range.
+fn point_within(ranges: &[&QuantityRange], mut share: impl FnMut(usize) -> f64) -> RegionPoint {
+    let values = ranges.iter().enumerate().map(|(k, range)| range.min + share(k) * (range.max - range.min));
+    values.collect()
 }
 
 /// Checks that the equations can be learned, by evaluating them at a few configurations.

@@ -39,18 +39,7 @@ impl Outputs {
         let elsewhere = mechanism.measures(others)?;
         let first_formula = model.efforts.len() + model.prescribed.len();
         let mut outputs = Self { first_formula, formulas: model.formulas.len(), ..Self::default() };
-        let add = |outputs: &mut Self, measure: usize| {
-            // two positions may be one for the defaults only
-            let is_same = |known: &usize| {
-                [&measures, &elsewhere].iter().all(|of| coordinate(&of[*known]) == coordinate(&of[measure]))
-            };
-            outputs.measures.iter().position(is_same).unwrap_or_else(|| {
-                outputs.vary |= coordinate(&measures[measure]) != coordinate(&elsewhere[measure]);
-                outputs.positions.extend(coordinate(&measures[measure]));
-                outputs.measures.push(measure);
-                outputs.measures.len() - 1
-            })
-        };
+        let both = [&measures[..], &elsewhere];
         for name in names {
             let position = mechanism.outputs().iter().position(|output| output.name == *name);
             let position = position.ok_or_else(|| {
@@ -58,9 +47,9 @@ impl Outputs {
                 MotionError::of(&format!("outputs.{name}"), MotionCause::Unsuitable, message)
             })?;
             let shown = match &measures[position] {
-                Measure::Position(_) => Shown::Position(add(&mut outputs, position)),
-                Measure::Velocity(_) => Shown::Velocity(add(&mut outputs, position)),
-                Measure::Acceleration(_) => Shown::Acceleration(add(&mut outputs, position)),
+                Measure::Position(_) => Shown::Position(outputs.add_position(position, both)),
+                Measure::Velocity(_) => Shown::Velocity(outputs.add_position(position, both)),
+                Measure::Acceleration(_) => Shown::Acceleration(outputs.add_position(position, both)),
                 Measure::Formula(formula) => Shown::Effort(outputs.first_formula + formula),
                 Measure::KineticEnergy => Shown::KineticEnergy,
                 Measure::PotentialEnergy => Shown::PotentialEnergy,
@@ -90,6 +79,22 @@ impl Outputs {
     pub(super) fn unused_formulas(&self) -> impl Iterator<Item = usize> + '_ {
         let all = self.first_formula..self.first_formula + self.formulas;
         all.filter(|formula| !self.shown.contains(&Shown::Effort(*formula)))
+    }
+
+    /// Place of the position that a measure is of, which is added unless it is known. `both` are all measures for two sets of parameters.
+    fn add_position(&mut self, measure: usize, both: [&[Measure]; 2]) -> usize {
+        // two positions may be one for the defaults only
+        let known = self
+            .measures
+            .iter()
+            .position(|known| both.iter().all(|of| coordinate(&of[*known]) == coordinate(&of[measure])));
+        known.unwrap_or_else(|| {
+            let [position, elsewhere] = both.map(|of| coordinate(&of[measure]));
+            self.vary |= position != elsewhere;
+            self.positions.extend(position);
+            self.measures.push(measure);
+            self.measures.len() - 1
+        })
     }
 
     fn add_reaction(&mut self, measure: &Measure) -> usize {

@@ -46,23 +46,17 @@ pub(super) fn in_configuration(reduced: &Reduced, terms: &Terms, measures: &[Mea
         *size = balanced.columns(part.start, part.len()).iter().fold(0.0, |largest: f64, one| largest.max(one.abs()));
     }
     let still = DVector::zeros(terms.q.len());
-    let sample = |v: DVector<f64>, multipliers: DVector<f64>| Sample {
-        t: 0.0,
-        q: terms.q.clone(),
-        v,
-        u: Vec::new(),
-        qdd: still.clone(),
-        multipliers,
-    };
     let mut functions = Vec::with_capacity(each * measures.len());
     for measure in measures {
         if let Measure::SpringEffort(spring) = measure {
             functions.extend(of_spring(&model.springs[*spring], terms));
             continue;
         }
-        let of_column =
-            |column: usize| measure.value(model, &sample(still.clone(), reduced.multipliers(balanced.column(column))));
-        functions.extend((0..each).map(of_column));
+        functions.extend((0..each).map(|column| {
+            let multipliers = reduced.multipliers(balanced.column(column));
+            let (q, v, qdd) = (terms.q.clone(), still.clone(), still.clone());
+            measure.value(model, &Sample { t: 0.0, q, v, u: Vec::new(), qdd, multipliers })
+        }));
     }
     Ok(Forces { functions, sizes })
 }

@@ -34,15 +34,15 @@ pub fn fit_functions(
     lowest: bool,
 ) -> Result<FittedFunctions, DictionaryError> {
     let functions = samples.labels.width();
-    let largest = |function: usize| {
+    let scales = (0..functions).map(|function| {
         let largest = samples.labels.largest_magnitude(function).max(unseen.labels.largest_magnitude(function));
         if largest > 0.0 { largest } else { 1.0 }
-    };
-    let scales: Vec<f64> = (0..functions).map(largest).collect();
+    });
+    let scales: Vec<f64> = scales.collect();
     let has_angles = factors.iter().zip(used).any(|(factor, used)| *used && *factor == Factor::Angle);
     let try_order = |order: [usize; 2]| -> Option<Result<FittedFunctions, DictionaryError>> {
-        let is_used = |exponents: &Vec<i16>| exponents.iter().zip(used).all(|(exponent, used)| *exponent == 0 || *used);
-        let exponents: Vec<Vec<i16>> = terms::exponents(factors, order).into_iter().filter(is_used).collect();
+        let mut exponents = terms::exponents(factors, order);
+        exponents.retain(|exponents| terms::uses_only(exponents, used));
         let needed = rows(&exponents);
         if exponents.len() > MOST_TERMS || needed > samples.points.len() {
             return None;

@@ -33,15 +33,21 @@ pub(super) fn exponents_with_splines(set: FactorSet, order: [usize; 2], derivati
     let mut powers = vec![(Vec::new(), SPLINE_ORDER)];
     for position in 0..SPLINE_POWERS * set.splines.len() {
         let most = if position % SPLINE_POWERS <= derivatives { SPLINE_ORDER } else { 0 };
-        let with = |(powers, rest): &(Vec<i16>, usize)| {
-            let one = |power: usize| ([&powers[..], &[power as i16]].concat(), rest - power);
-            (0..=most.min(*rest)).map(one).collect::<Vec<_>>()
-        };
-        powers = powers.iter().flat_map(with).collect();
+        let mut next = Vec::new();
+        for (before, rest) in &powers {
+            let own = 0..=most.min(*rest);
+            next.extend(own.map(|power| ([&before[..], &[power as i16]].concat(), rest - power)));
+        }
+        powers = next;
     }
     let mut of_columns = exponents(set.factors, order);
     of_columns.retain(|own| own.iter().zip(set.highest).all(|(exponent, highest)| exponent <= highest));
     of_columns.iter().flat_map(|own| powers.iter().map(|(powers, _)| [&own[..], powers].concat())).collect()
+}
+
+/// Returns true if a product has factors of the `used` columns alone.
+pub(super) fn uses_only(exponents: &[i16], used: &[bool]) -> bool {
+    exponents.iter().zip(used).all(|(exponent, used)| *exponent == 0 || *used)
 }
 
 /// The exponents of all products whose harmonics have at most the first order in sum, and whose powers at most the second.
@@ -77,10 +83,12 @@ pub(super) fn exponents(factors: &[Factor], [harmonics, powers]: [usize; 2]) -> 
 /// What [`Dictionary::new`] says.
 pub(super) fn values(set: FactorSet, exponents: &[Vec<i16>], points: &Rows) -> Result<DMatrix<f64>, FormatError> {
     let count = exponents.len();
-    let unit = |term: usize| (0..count).map(|output| f64::from(u8::from(output == term))).collect();
-    let terms = exponents.iter().enumerate();
-    let terms: Vec<Term> =
-        terms.map(|(term, exponents)| Term { exponents: exponents.clone(), coefficients: unit(term) }).collect();
+    // each product is a function
+    let terms = exponents.iter().enumerate().map(|(term, exponents)| {
+        let coefficients = (0..count).map(|output| f64::from(u8::from(output == term))).collect();
+        Term { exponents: exponents.clone(), coefficients }
+    });
+    let terms: Vec<Term> = terms.collect();
     let dictionary = Dictionary::with_splines(set.factors, set.splines, count, &terms)?;
     let mut transposed = DMatrix::zeros(count, points.len());
     for (point, mut column) in points.iter().zip(transposed.column_iter_mut()) {

@@ -31,15 +31,14 @@ impl Trajectory {
     /// The first rows.
     pub fn first(&self, rows: usize) -> Self {
         let rows = rows.min(self.rows());
-        let part = |values: &[f64], width: usize| values[..rows * width].to_vec();
         let Self { coordinates, .. } = *self;
         Self {
             parameters: self.parameters.clone(),
             step: self.step,
             coordinates,
-            q: part(&self.q, coordinates),
-            v: part(&self.v, coordinates),
-            u: part(&self.u, self.inputs()),
+            q: self.q[..rows * coordinates].to_vec(),
+            v: self.v[..rows * coordinates].to_vec(),
+            u: self.u[..rows * self.inputs()].to_vec(),
         }
     }
 
@@ -74,12 +73,12 @@ pub fn differences(values: &[f64], columns: usize, column: usize, step: f64) -> 
     if rows < STENCIL {
         return vec![f64::NAN; rows];
     }
-    let at = |row: usize| {
+    let differences = (0..rows).map(|row| {
         let first = row.saturating_sub(STENCIL / 2).min(rows - STENCIL);
         let weights = &WEIGHTS[row - first];
         weights.iter().zip(&series[first..]).map(|(weight, value)| weight * value).sum::<f64>() / (60.0 * step)
-    };
-    (0..rows).map(at).collect()
+    });
+    differences.collect()
 }
 
 /// Differences of a rate and of the differences of its coordinate that are told, as a part of the rate.

@@ -142,14 +142,14 @@ impl Network {
     /// The layers as they are in the model file.
     pub fn to_layers(&self) -> Vec<Layer> {
         let last = self.sizes.len() - 2;
-        let layer = |(index, view): (usize, LayerView)| Layer {
+        let layers = self.layers().enumerate().map(|(index, view)| Layer {
             inputs: view.inputs,
             outputs: view.outputs,
             weight: view.weight.to_vec().into(),
             bias: view.bias.to_vec().into(),
             activation: if index == last { Activation::Identity } else { self.activation },
-        };
-        self.layers().enumerate().map(layer).collect()
+        });
+        layers.collect()
     }
 
     /// Makes an output zero whatever the inputs are.

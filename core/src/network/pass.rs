@@ -272,14 +272,14 @@ impl Workspace {
         let of = |shapes: &[LayerShape]| shapes.iter().map(|shape| buffer(shape.outputs)).collect();
         let slopes: &[LayerShape] = if network.stores_slopes() { hidden } else { &[] };
         let normalized: &[LayerShape] = if shapes[0].normalized { hidden } else { &[] };
-        let statistics = |shape: &LayerShape| Buffer::zeros(batch_norm::STATISTICS * padded(shape.outputs));
+        let statistics = normalized.iter().map(|shape| Buffer::zeros(batch_norm::STATISTICS * padded(shape.outputs)));
         Self {
             simd: InstructionSet::detect(),
             values: std::iter::once(buffer(shapes[0].inputs)).chain(of(shapes) as Vec<Buffer>).collect(),
             deltas: of(shapes),
             slopes: of(slopes),
             normalized: of(normalized),
-            statistics: normalized.iter().map(statistics).collect(),
+            statistics: statistics.collect(),
             bias: Buffer::zeros(shapes.iter().map(|shape| padded(shape.outputs)).max().unwrap_or(0)),
         }
     }

@@ -75,16 +75,16 @@ pub struct IterationFollower<'a> {
 impl SmallNetwork {
     /// Hidden layers that are trained in seconds on this number of rows; empty if all take longer.
     fn sizes(&self, [inputs, outputs]: [usize; 2], rows: usize) -> Vec<Vec<usize>> {
-        let candidates: Vec<Vec<usize>> = match &self.hidden {
+        let mut candidates: Vec<Vec<usize>> = match &self.hidden {
             Some(hidden) => vec![hidden.clone()],
             None => SIZES.iter().map(|size| size.to_vec()).collect(),
         };
-        let is_small = |hidden: &Vec<usize>| {
+        candidates.retain(|hidden| {
             let weights = NetworkShape::new(inputs, hidden, self.activation).weights() as f64;
             let operations = weights * weights * (rows as f64 + weights) * outputs as f64;
             !hidden.is_empty() && operations <= MOST_OPERATIONS
-        };
-        candidates.into_iter().filter(is_small).collect()
+        });
+        candidates
     }
 
     /// Returns true if a network with these numbers of inputs, outputs and rows is trained in seconds, and its activation is smooth.
@@ -315,11 +315,11 @@ impl<'a> Training<'a> {
             *trace += self.alpha[place] * inverse[(place, place)];
             *squares += self.weights[place] * self.weights[place];
         }
-        let spent = |[number, trace, _]: &[f64; 3]| (number - trace).max(1e-3);
+        let spent: Vec<f64> = sums.iter().map(|[number, trace, _]| (number - trace).max(1e-3)).collect();
         let alphas: Vec<f64> =
-            sums.iter().map(|sum| (spent(sum) / sum[2].max(1e-12)).clamp(ALPHA[0], ALPHA[1])).collect();
+            spent.iter().zip(&sums).map(|(spent, sum)| (spent / sum[2].max(1e-12)).clamp(ALPHA[0], ALPHA[1])).collect();
         self.alpha.iter_mut().zip(groups).for_each(|(alpha, group)| *alpha = alphas[*group]);
-        let free = (rows - sums.iter().map(spent).sum::<f64>()).max(LEAST_FREE * rows);
+        let free = (rows - spent.iter().sum::<f64>()).max(LEAST_FREE * rows);
         self.beta = (free / errors.norm_squared().max(f64::MIN_POSITIVE)).min(MOST_BETA);
         Some(())
     }
@@ -338,38 +338,27 @@ pub fn train_small(rows: FewRows, network: &SmallNetwork, follower: &IterationFo
         .collect();
     let starts: Vec<(&Vec<usize>, u64)> =
         sizes.iter().flat_map(|size| (0..STARTS).map(move |start| (size, start))).collect();
-    let race = |y| {
-        let begin = |(hidden, start): &(&Vec<usize>, u64)| {
+    let raced = columns.par_iter().map(|y| {
+        // a constant needs no training
+        if y.iter().all(|value| *value == y[0]) {
+            return None;
+        }
+        let begun = starts.par_iter().map(|(hidden, start)| {
             let mut random = ChaCha8Rng::seed_from_u64(network.seed);
             random.set_stream(*start);
             let mut training = Training::new(NetworkShape::new(inputs, hidden, network.activation), x, y, &mut random);
             training.iterate(Groups::Layers, RACE, &progress, follower.is_stopped);
             training
-        };
-        starts.par_iter().map(begin).collect()
-    };
-    let is_constant = |y: &DVector<f64>| y.iter().all(|value| *value == y[0]);
-    let raced: Vec<Option<Vec<Training>>> =
-        columns.par_iter().map(|y| if is_constant(y) { None } else { Some(race(y)) }).collect();
-    let depth = best_depth(raced.iter().flatten(), &sizes)?;
-    let finish = |mut trained: Vec<Training>| {
-        trained.retain(|training| outputs == 1 || training.depth() == depth);
-        trained.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
-        trained.truncate(FINALISTS);
-        trained.par_iter_mut().for_each(|training| {
-            training.iterate(Groups::Layers, BY_LAYER, &progress, follower.is_stopped);
-            let (weights, evidence) = (training.weights.clone(), training.evidence);
-            training.iterate(Groups::Inputs, BY_INPUT, &progress, follower.is_stopped);
-            if training.evidence < evidence {
-                (training.weights, training.evidence) = (weights, evidence);
-            }
         });
-        // the first of equal ones
-        let best = trained.into_iter().reduce(|best, next| if next.evidence > best.evidence { next } else { best });
-        best.map(|training| (training.shape, training.weights.as_slice().to_vec()))
-    };
-    let of_output = |(raced, y): (Option<Vec<Training>>, &DVector<f64>)| match raced {
-        Some(raced) => finish(raced),
+        Some(begun.collect())
+    });
+    let raced: Vec<Option<Vec<Training>>> = raced.collect();
+    let depth = best_depth(raced.iter().flatten(), &sizes)?;
+    let trained = raced.into_par_iter().zip(&columns).map(|(raced, y)| match raced {
+        Some(mut raced) => {
+            raced.retain(|training| outputs == 1 || training.depth() == depth);
+            finished(raced, &progress, follower.is_stopped)
+        }
         None => sizes.iter().find(|size| size.len() == depth).map(|hidden| {
             let shape = NetworkShape::new(inputs, hidden, network.activation);
             let mut weights = vec![0.0; shape.weights()];
@@ -377,9 +366,8 @@ pub fn train_small(rows: FewRows, network: &SmallNetwork, follower: &IterationFo
             weights.iter_mut().last().into_iter().for_each(|bias| *bias = y[0]);
             (shape, weights)
         }),
-    };
-    let trained: Option<Vec<(NetworkShape, Vec<f64>)>> =
-        raced.into_par_iter().zip(&columns).map(of_output).collect::<Vec<_>>().into_iter().collect();
+    });
+    let trained: Option<Vec<(NetworkShape, Vec<f64>)>> = trained.collect::<Vec<_>>().into_iter().collect();
     if (follower.is_stopped)() {
         return None;
     }
@@ -388,14 +376,35 @@ pub fn train_small(rows: FewRows, network: &SmallNetwork, follower: &IterationFo
     Some(side_by_side(&parts, network.activation))
 }
 
+/// The network with the greatest evidence after the best of the starts are trained to the end.
+fn finished(
+    mut starts: Vec<Training>,
+    progress: &(dyn Fn() + Sync),
+    is_stopped: &(dyn Fn() -> bool + Sync),
+) -> Option<(NetworkShape, Vec<f64>)> {
+    starts.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+    starts.truncate(FINALISTS);
+    starts.par_iter_mut().for_each(|training| {
+        training.iterate(Groups::Layers, BY_LAYER, progress, is_stopped);
+        let (weights, evidence) = (training.weights.clone(), training.evidence);
+        training.iterate(Groups::Inputs, BY_INPUT, progress, is_stopped);
+        if training.evidence < evidence {
+            (training.weights, training.evidence) = (weights, evidence);
+        }
+    });
+    // the first of equal ones
+    let best = starts.into_iter().reduce(|best, next| if next.evidence > best.evidence { next } else { best })?;
+    Some((best.shape, best.weights.as_slice().to_vec()))
+}
+
 /// Number of hidden layers with the greatest sum over the outputs of the evidence of the best start.
 fn best_depth<'a>(raced: impl Iterator<Item = &'a Vec<Training<'a>>> + Clone, sizes: &[Vec<usize>]) -> Option<usize> {
     let evidence = |depth: usize| -> f64 {
-        let best = |of: &Vec<Training>| {
+        let best = raced.clone().map(|of| {
             let fitting = of.iter().filter(|training| training.depth() == depth);
             fitting.map(|training| training.evidence).fold(f64::NEG_INFINITY, f64::max)
-        };
-        raced.clone().map(best).sum()
+        });
+        best.sum()
     };
     let mut depths: Vec<usize> = sizes.iter().map(Vec::len).collect();
     depths.sort_unstable();
@@ -409,18 +418,14 @@ fn side_by_side(parts: &[(&NetworkShape, &[f64])], activation: Activation) -> Ve
     let layers: Vec<Vec<(&[f64], &[f64])>> =
         parts.iter().map(|(shape, weights)| shape.layers(weights).collect()).collect();
     let depth = layers.first().map_or(0, Vec::len);
-    let of_layer = |layer: usize| {
-        let width = |part: &Vec<(&[f64], &[f64])>| {
-            let (weight, bias) = part[layer];
-            [weight.len() / bias.len(), bias.len()]
-        };
+    let merged = (0..depth).map(|layer| {
+        let widths = layers.iter().map(|part| part[layer].0.len() / part[layer].1.len());
         let inputs = match layer {
-            0 => layers.first().map_or(0, |part| width(part)[0]),
-            _ => layers.iter().map(|part| width(part)[0]).sum(),
+            0 => widths.clone().next().unwrap_or(0),
+            _ => widths.clone().sum(),
         };
         let (mut weight, mut bias, mut before) = (Vec::new(), Vec::new(), 0);
-        for part in &layers {
-            let own = width(part)[0];
+        for (part, own) in layers.iter().zip(widths) {
             for line in part[layer].0.chunks_exact(own) {
                 let start = weight.len();
                 weight.resize(start + inputs, 0.0);
@@ -431,8 +436,8 @@ fn side_by_side(parts: &[(&NetworkShape, &[f64])], activation: Activation) -> Ve
         }
         let activation = if layer + 1 == depth { Activation::Identity } else { activation };
         Layer { inputs, outputs: bias.len(), weight: weight.into(), bias: bias.into(), activation }
-    };
-    (0..depth).map(of_layer).collect()
+    });
+    merged.collect()
 }
 
 #[cfg(test)]

@@ -61,10 +61,9 @@ pub(super) fn write(
     history: &[EpochRecord],
 ) -> Result<Vec<u8>, TrainingError> {
     let text = serde_json::to_string(header).map_err(damaged)?;
-    let single = |values: &[f32]| values.iter().flat_map(|value| value.to_le_bytes()).collect::<Vec<u8>>();
     let mut tensors: Vec<(&str, Dtype, Vec<usize>, Vec<u8>)> =
-        state.iter().map(|(name, values)| (name.as_str(), Dtype::F32, vec![values.len()], single(values))).collect();
-    tensors.push(("best", Dtype::F32, vec![best.len()], single(best)));
+        state.iter().map(|(name, values)| (name.as_str(), Dtype::F32, vec![values.len()], bytes_of(values))).collect();
+    tensors.push(("best", Dtype::F32, vec![best.len()], bytes_of(best)));
     let rows = history.iter().flat_map(|record| {
         let EpochRecord { epoch, train_loss, validation_loss, learning_rate, seconds, best } = *record;
         [epoch as f64, train_loss, validation_loss, learning_rate, seconds, f64::from(u8::from(best))]
@@ -133,11 +132,20 @@ pub(super) fn read(
         return Err(damaged("tensor `history` has not six columns of numbers"));
     }
     let numbers: Vec<f64> = history.data().as_chunks().0.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect();
-    let record = |row: &[f64; 6]| {
-        let [epoch, train_loss, validation_loss, learning_rate, seconds, best] = *row;
-        EpochRecord { epoch: epoch as usize, train_loss, validation_loss, learning_rate, seconds, best: best > 0.0 }
-    };
-    Ok((header, numbers.as_chunks().0.iter().map(record).collect()))
+    let rows = numbers.as_chunks().0.iter();
+    let records = rows.map(|&[epoch, train_loss, validation_loss, learning_rate, seconds, best]| EpochRecord {
+        epoch: epoch as usize,
+        train_loss,
+        validation_loss,
+        learning_rate,
+        seconds,
+        best: best > 0.0,
+    });
+    Ok((header, records.collect()))
+}
+
+fn bytes_of(values: &[f32]) -> Vec<u8> {
+    values.iter().flat_map(|value| value.to_le_bytes()).collect()
 }
 
 fn damaged(problem: impl ToString) -> TrainingError {

@@ -35,6 +35,20 @@ struct FunctionGroup {
     columns: Vec<usize>,
 }
 
+impl FunctionGroup {
+    /// Its columns and its functions in the first parts of each sample, whose rows have these widths.
+    fn rows(&self, samples: &FunctionSamples, widths: [usize; 2], parts: usize) -> [Vec<f64>; 2] {
+        let of_inputs = samples.inputs.chunks(widths[0] * (1 + samples.directions));
+        let of_inputs = of_inputs.flat_map(|sample| sample.chunks(widths[0]).take(parts));
+        let of_outputs = samples.outputs.chunks(widths[1] * (1 + samples.directions));
+        let of_outputs = of_outputs.flat_map(|sample| sample.chunks(widths[1]).take(parts));
+        [
+            of_inputs.flat_map(|row| self.columns.iter().map(|column| row[*column])).collect(),
+            of_outputs.flat_map(|row| self.outputs.iter().map(|output| row[*output])).collect(),
+        ]
+    }
+}
+
 /// Nodes of one group, and their coefficients in each of its outputs: shape `[outputs, nodes + 1]`, the last one being
 /// the constant.
 struct RandomFeatures {
@@ -92,8 +106,9 @@ pub fn solve(
     let mut groups: Vec<FunctionGroup> = Vec::new();
     for (output, depends) in depends.iter().enumerate() {
         let columns: Vec<usize> = (0..columns).filter(|column| depends[*column] || !depends.contains(&true)).collect();
-        let same = |group: &&mut FunctionGroup| group.columns == columns && known[group.outputs[0]] == known[output];
-        match groups.iter_mut().find(same) {
+        let mut same =
+            groups.iter_mut().filter(|group| group.columns == columns && known[group.outputs[0]] == known[output]);
+        match same.next() {
             Some(group) => group.outputs.push(output),
             None => groups.push(FunctionGroup { outputs: vec![output], columns }),
         }
@@ -101,7 +116,7 @@ pub fn solve(
     let problems = groups.iter().map(|group| GroupRegression::new(group, [seen, held_out], [columns, outputs], known));
     let solved: Vec<RandomFeatures> = problems.map(|problem| problem.solve(seed, stop)).collect::<Option<_>>()?;
     let nodes: usize = solved.iter().map(|nodes| nodes.bias.len()).sum();
-    let (mut weights, mut bias) = (vec![0.0; nodes * columns], Vec::with_capacity(nodes));
+    let (mut weights, mut bias) = (vec![0.0; nodes * columns], Vec::<f64>::with_capacity(nodes));
     let (mut last, mut constant) = (vec![0.0; outputs * nodes], vec![0.0; outputs]);
     for (group, own) in groups.iter().zip(&solved) {
         let first = bias.len();
@@ -116,18 +131,16 @@ pub fn solve(
             constant[output] = of_constant[0];
         }
     }
-    let layer = |inputs, outputs, weight: Vec<f64>, bias: Vec<f64>, activation| Layer {
-        inputs,
-        outputs,
-        weight: weight.into(),
+    let of_nodes = Layer {
+        inputs: columns,
+        outputs: nodes,
+        weight: weights.into(),
         bias: bias.into(),
-        activation,
+        activation: Activation::Tanh,
     };
-    let layers = vec![
-        layer(columns, nodes, weights, bias, Activation::Tanh),
-        layer(nodes, outputs, last, constant, Activation::Identity),
-    ];
-    Some((layers, solved.iter().map(|nodes| nodes.error).fold(0.0, f64::max)))
+    let of_outputs =
+        Layer { inputs: nodes, outputs, weight: last.into(), bias: constant.into(), activation: Activation::Identity };
+    Some((vec![of_nodes, of_outputs], solved.iter().map(|nodes| nodes.error).fold(0.0, f64::max)))
 }
 
 /// Least-squares problem of a group of functions. Its rows are values and, if known, derivatives in the columns of the group.
@@ -143,20 +156,12 @@ struct GroupRegression {
 impl GroupRegression {
     fn new(group: &FunctionGroup, [seen, held_out]: [&FunctionSamples; 2], widths: [usize; 2], known: &[bool]) -> Self {
         let parts = if known[group.outputs[0]] { 1 + seen.directions } else { 1 };
-        let own = |samples: &FunctionSamples, parts: usize| {
-            let of = |values: &[f64], width: usize, chosen: &[usize]| -> Vec<f64> {
-                let samples = values.chunks(width * (1 + samples.directions));
-                let rows = samples.flat_map(|sample| sample.chunks(width).take(parts));
-                rows.flat_map(|row| chosen.iter().map(|column| row[*column])).collect()
-            };
-            [of(&samples.inputs, widths[0], &group.columns), of(&samples.outputs, widths[1], &group.outputs)]
-        };
         Self {
             columns: group.columns.len(),
             outputs: group.outputs.len(),
             parts,
-            seen: own(seen, parts),
-            held_out: own(held_out, 1),
+            seen: group.rows(seen, widths, parts),
+            held_out: group.rows(held_out, widths, 1),
         }
     }
 
@@ -165,8 +170,9 @@ impl GroupRegression {
         for count in NODES {
             let attempt = |scales: Vec<f64>, best: &mut Option<(Vec<f64>, RandomFeatures)>| -> Option<()> {
                 let found = self.with_nodes(count, &scales, seed, stop);
-                let is_better = |found: &RandomFeatures| best.as_ref().is_none_or(|(_, best)| found.error < best.error);
-                if let Some(found) = found.filter(is_better) {
+                if let Some(found) = found
+                    && best.as_ref().is_none_or(|(_, best)| found.error < best.error)
+                {
                     *best = Some((scales, found));
                 }
                 (!stop.load(Ordering::Relaxed)).then_some(())
@@ -203,18 +209,8 @@ impl GroupRegression {
             nodes.weights.extend(scales.iter().map(|scale| uniform(*scale)));
             nodes.bias.push(uniform(1.0));
         }
-        let of = |nodes: &RandomFeatures, [inputs, outputs]: &[Vec<f64>; 2], samples: usize, parts: usize| {
-            let rows = samples.min(outputs.len() / self.outputs / parts) * parts;
-            let inputs = inputs[..rows * self.columns].par_chunks(BLOCK * parts * self.columns);
-            let outputs = outputs[..rows * self.outputs].par_chunks(BLOCK * parts * self.outputs);
-            let block = |(inputs, outputs): (&[f64], &[f64])| RowBlock {
-                nodes: nodes.values(inputs, self.columns, parts),
-                outputs: DMatrix::from_row_slice(outputs.len() / self.outputs, self.outputs, outputs),
-            };
-            inputs.zip(outputs).map(block).collect::<Vec<_>>()
-        };
         let samples = count * (ROWS.div_ceil(self.parts)).max(SAMPLES);
-        let mut seen = of(&nodes, &self.seen, samples, self.parts);
+        let mut seen = self.blocks(&nodes, &self.seen, samples, self.parts);
         let mut factors = Vec::new();
         for _ in 0..FACTORS {
             let mut normal = sum(&seen, (count + 1, count + 1), |block| block.nodes.transpose() * &block.nodes);
@@ -230,13 +226,13 @@ impl GroupRegression {
         let shape = (count + 1, self.outputs);
         let mut coefficients = DMatrix::zeros(count + 1, self.outputs);
         for _ in 0..SOLUTIONS {
-            let more = |block: &RowBlock| block.nodes.tr_mul(&(&block.outputs - &block.nodes * &coefficients));
-            coefficients += sum(&seen, shape, more);
+            coefficients +=
+                sum(&seen, shape, |block| block.nodes.tr_mul(&(&block.outputs - &block.nodes * &coefficients)));
         }
         for factor in factors.iter().rev() {
             coefficients = factor.solve_upper_triangular(&coefficients)?;
         }
-        let held_out = of(&nodes, &self.held_out, usize::MAX, 1);
+        let held_out = self.blocks(&nodes, &self.held_out, usize::MAX, 1);
         let squares = sum(&held_out, (1, self.outputs), |block| {
             let squares = (&block.outputs - &block.nodes * &coefficients).map(|error| error * error);
             DMatrix::from_row_slice(1, self.outputs, squares.row_sum().as_slice())
@@ -245,6 +241,19 @@ impl GroupRegression {
         nodes.coefficients = coefficients.column_iter().map(Into::into).collect();
         nodes.error = (squares.max() / rows as f64).sqrt();
         nodes.error.is_finite().then_some(nodes)
+    }
+
+    /// The first samples, block by block; rows are those of inputs and outputs, with this number of parts a sample.
+    fn blocks(&self, nodes: &RandomFeatures, rows: &[Vec<f64>; 2], samples: usize, parts: usize) -> Vec<RowBlock> {
+        let [inputs, outputs] = rows;
+        let rows = samples.min(outputs.len() / self.outputs / parts) * parts;
+        let inputs = inputs[..rows * self.columns].par_chunks(BLOCK * parts * self.columns);
+        let outputs = outputs[..rows * self.outputs].par_chunks(BLOCK * parts * self.outputs);
+        let blocks = inputs.zip(outputs).map(|(inputs, outputs)| RowBlock {
+            nodes: nodes.values(inputs, self.columns, parts),
+            outputs: DMatrix::from_row_slice(outputs.len() / self.outputs, self.outputs, outputs),
+        });
+        blocks.collect()
     }
 }
 
@@ -262,13 +271,12 @@ fn sum(
     (height, width): (usize, usize),
     of: impl Fn(&RowBlock) -> DMatrix<f64> + Sync,
 ) -> DMatrix<f64> {
-    let zeros = || DMatrix::zeros(height, width);
-    let of_part = |part: usize| {
+    let sums = (0..PARTS).into_par_iter().map(|part| {
         let blocks = &blocks[part * blocks.len() / PARTS..(part + 1) * blocks.len() / PARTS];
-        blocks.iter().map(&of).fold(zeros(), |sum, more| sum + more)
-    };
-    let sums: Vec<DMatrix<f64>> = (0..PARTS).into_par_iter().map(of_part).collect();
-    sums.into_iter().fold(zeros(), |sum, part| sum + part)
+        blocks.iter().map(&of).fold(DMatrix::zeros(height, width), |sum, more| sum + more)
+    });
+    let sums: Vec<DMatrix<f64>> = sums.collect();
+    sums.into_iter().fold(DMatrix::zeros(height, width), |sum, part| sum + part)
 }
 
 /// Replaces `A` with `A R^-1`, for an upper triangle `R`.

@@ -58,17 +58,17 @@ impl Gradients {
     /// For batches of at most `batch` rows and teams of at most `members`.
     pub(super) fn new(network: &Packed, options: &TrainingOptions, batch: usize, members: usize) -> Self {
         let outputs = network.layout.shapes[network.layout.shapes.len() - 1].outputs;
-        let normalized = || network.layout.shapes.iter().filter(|shape| shape.normalized);
-        let part = || BatchPart {
+        let normalized = network.layout.shapes.iter().filter(|shape| shape.normalized);
+        let parts = (0..parts(batch)).map(|_| BatchPart {
             gradient: Buffer::zeros(network.layout.len()),
             loss: 0.0,
-            statistics: normalized().map(|shape| Buffer::zeros(2 * padded(shape.outputs))).collect(),
-        };
+            statistics: normalized.clone().map(|shape| Buffer::zeros(2 * padded(shape.outputs))).collect(),
+        });
         Self {
             batch,
             simd: InstructionSet::detect(),
             function: LossFunction::new(options, outputs),
-            parts: (0..parts(batch)).map(|_| part()).collect(),
+            parts: parts.collect(),
             workspaces: (0..members).map(|_| Mutex::new(Unrolled::new(network))).collect(),
         }
     }
@@ -225,11 +225,11 @@ fn sum_of_losses(
     let (outputs, deltas) = workspace.outputs_and_deltas();
     let distance = stride(n_outputs);
     let outputs = outputs.chunks_exact(distance).zip(deltas.chunks_exact_mut(distance));
-    let row = |((outputs, deltas), &number): ((&[f32], &mut [f32]), &u32)| {
+    let losses = outputs.zip(numbers).map(|((outputs, deltas), &number)| {
         let targets = &rows.outputs()[number as usize * n_outputs..][..n_outputs];
         function.row(outputs, targets, scale as f32, deltas)
-    };
-    outputs.zip(numbers).map(row).sum()
+    });
+    losses.sum()
 }
 
 /// Puts the derivatives of the inputs after those of the rows: direction by direction.
@@ -259,10 +259,10 @@ fn sum_of_tangents(
     let targets = (0..directions).flat_map(|direction| {
         numbers.iter().map(move |&number| &tangents.outputs[(number as usize * directions + direction) * n_outputs..])
     });
-    let row = |((outputs, deltas), targets): ((&[f32], &mut [f32]), &[f32])| {
-        function.row(outputs, &targets[..n_outputs], scale as f32, deltas)
-    };
-    places.zip(targets).map(row).sum()
+    let losses = places
+        .zip(targets)
+        .map(|((outputs, deltas), targets)| function.row(outputs, &targets[..n_outputs], scale as f32, deltas));
+    losses.sum()
 }
 
 impl Sum<'_> {

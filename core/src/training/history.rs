@@ -35,17 +35,19 @@ pub fn write_history(path: &Path, history: &[EpochRecord]) -> Result<()> {
 /// [`Error::Io`], or [`Error::Table`] with the line of the first mistake.
 pub fn read_history(path: &Path) -> Result<Vec<EpochRecord>> {
     let file = File::open(path).map_err(Error::io(path, "read"))?;
-    let wrong = |error: csv::Error| {
-        let line = error.position().map_or(1, csv::Position::line);
-        Error::Table { path: path.to_owned(), place: Place::Line(line), message: error.to_string() }
-    };
     let mut history: Vec<EpochRecord> = Vec::new();
     for row in csv::Reader::from_reader(BufReader::new(file)).deserialize() {
-        let EpochRow { epoch, train_loss, validation_loss, learning_rate, seconds } = row.map_err(wrong)?;
+        let EpochRow { epoch, train_loss, validation_loss, learning_rate, seconds } =
+            row.map_err(|error| row_error(path, &error))?;
         let best = history.iter().all(|earlier| validation_loss < earlier.validation_loss);
         history.push(EpochRecord { epoch, train_loss, validation_loss, learning_rate, seconds, best });
     }
     Ok(history)
+}
+
+fn row_error(path: &Path, error: &csv::Error) -> Error {
+    let line = error.position().map_or(1, csv::Position::line);
+    Error::Table { path: path.to_owned(), place: Place::Line(line), message: error.to_string() }
 }
 
 /// Trainings that followed each other as one: epochs and seconds are counted on.

@@ -93,8 +93,8 @@ impl TrainingRows {
     pub fn with_recurrence(self, recurrence: Recurrence) -> Self {
         let Self { n_inputs, n_outputs, .. } = self;
         let rows = self.inputs.len() / n_inputs;
-        let fits = |start: &u32| *start as usize + recurrence.stretch <= rows;
-        assert!(recurrence.stretch > 0 && recurrence.starts.iter().all(fits), "stretches of the rows");
+        let fit = recurrence.starts.iter().all(|start| *start as usize + recurrence.stretch <= rows);
+        assert!(recurrence.stretch > 0 && fit, "stretches of the rows");
         assert!(recurrence.history * n_outputs <= n_inputs, "past outputs are inputs");
         assert_eq!((recurrence.linear.len(), recurrence.gains.len()), ((n_inputs + 1) * n_outputs, n_outputs));
         Self { recurrence: Some(recurrence), ..self }

@@ -192,10 +192,9 @@ impl<'a> TrainingRun<'a> {
             return false;
         };
         let best = self.history[best];
-        let overfits = |record: &EpochRecord| {
-            record.train_loss < best.train_loss && record.validation_loss > factor * best.validation_loss
-        };
-        self.history[first..].iter().all(overfits)
+        self.history[first..]
+            .iter()
+            .all(|record| record.train_loss < best.train_loss && record.validation_loss > factor * best.validation_loss)
     }
 
     /// All training rows once, then the validation.

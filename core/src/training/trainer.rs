@@ -51,14 +51,14 @@ impl Trainer {
         }
         let packed = Packed::with(&network, options.batch_norm, options.dropout);
         let team = Team::new(threads);
-        let statistics = |columns: usize| {
-            let mut statistics = Buffer::zeros(2 * padded(columns));
-            statistics[padded(columns)..].fill(1.0);
-            statistics
-        };
         let normalized = packed.layout.shapes.iter().filter(|shape| shape.normalized);
+        let running = normalized.map(|shape| {
+            let mut statistics = Buffer::zeros(2 * padded(shape.outputs));
+            statistics[padded(shape.outputs)..].fill(1.0);
+            statistics
+        });
         Ok(Self {
-            running: normalized.map(|shape| statistics(shape.outputs)).collect(),
+            running: running.collect(),
             folded: options.batch_norm.then(|| Packed::new(&network)),
             updater: Updater::new(options, &packed),
             gradients: Gradients::new(&packed, options, batch, team.members()),

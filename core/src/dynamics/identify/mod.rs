@@ -24,6 +24,7 @@ use metafmu_runtime::{
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 pub use roll_out::AccelerationModel;
+use std::ops::Range;
 use system::{Basis, EquationPart};
 
 /// Equations that were found, and how well.
@@ -90,8 +91,9 @@ fn split(rows: usize) -> usize {
 /// # Errors
 /// [`IdentificationError`]: too many functions or too few rows, or no equations with a positive definite mass matrix.
 pub fn fit_motion(factors: &[Factor], trajectories: &[Trajectory]) -> Result<Identified, IdentificationError> {
-    let has = |is_angle: bool| factors.iter().any(|factor| (*factor == Factor::Angle) == is_angle);
-    let mut order = [if has(true) { 2 } else { 0 }, 0];
+    let has_angles = factors.contains(&Factor::Angle);
+    let has_powers = factors.iter().any(|factor| *factor != Factor::Angle);
+    let mut order = [if has_angles { 2 } else { 0 }, 0];
     let mut best: Option<Identified> = None;
     let mut without_gain = 0;
     while without_gain < PATIENCE {
@@ -106,7 +108,7 @@ pub fn fit_motion(factors: &[Factor], trajectories: &[Trajectory]) -> Result<Ide
             break;
         }
         // powers first: there are fewer of them
-        order = match (has(false), has(true)) {
+        order = match (has_powers, has_angles) {
             (true, _) if order[1] < 4 => [order[0], order[1] + 1],
             (_, true) => [2 * order[0], 0],
             _ => break,
@@ -128,26 +130,24 @@ fn of_order(
         return Ok(None);
     }
     let parts: Vec<Trajectory> = trajectories.iter().map(|motion| motion.first(split(motion.rows()))).collect();
-    let of_window = |half: usize| {
+    let of_windows = WINDOWS.into_par_iter().map(|half| {
         let problem = WeakEquations::new(&basis, &parts, half)?;
         let chosen = problem.map(|problem| problem.choose(trajectories)).transpose()?.flatten();
         Ok(chosen.map(|(choice, error)| (choice, error, half)))
-    };
-    let found: Result<Vec<_>, FormatError> = WINDOWS.into_par_iter().map(of_window).collect();
+    });
+    let found: Result<Vec<_>, FormatError> = of_windows.collect();
     let found = found?.into_iter().flatten().collect();
-    let model =
-        |choice: &Choice| basis.dynamics(&choice.coefficients).map(|model| AccelerationModel::Motion(Box::new(model)));
     let Some((choice, error, half)) = simplest(found, |(choice, error, _)| (choice.active.len(), *error)) else {
-        let model = model(&Choice::none(&basis))?;
+        let model = motion_model(&basis, &Choice::none(&basis))?;
         return Ok(Some(Identified { model, order, coefficients: 0, solutions: 0, error: f64::INFINITY }));
     };
     // with the rows that were held out, if that is a solution as well
     let whole = WeakEquations::new(&basis, trajectories, half)?;
     let refitted = whole.and_then(|problem| problem.solve(&choice.active, choice.limit, choice.solutions));
-    let refitted = refitted.map(|choice| model(&choice)).transpose()?;
+    let refitted = refitted.map(|choice| motion_model(&basis, &choice)).transpose()?;
     let refitted = refitted.filter(|model| roll_out::error(model, trajectories, split) <= 2.0 * error.max(SAME));
     let Choice { active, independent, .. } = &choice;
-    let model = refitted.map_or_else(|| model(&choice), Ok)?;
+    let model = refitted.map_or_else(|| motion_model(&basis, &choice), Ok)?;
     Ok(Some(Identified { model, order, coefficients: active.len(), solutions: *independent, error }))
 }
 
@@ -207,8 +207,7 @@ impl<'a> WeakEquations<'a> {
     /// None if there are too few rows.
     fn new(basis: &'a Basis, trajectories: &[Trajectory], half: usize) -> Result<Option<Self>, FormatError> {
         let (unknowns, n) = (basis.unknowns.len(), trajectories[0].coordinates);
-        let windows = |motion: &Trajectory| motion.rows().saturating_sub(2 * half);
-        let count: usize = trajectories.iter().map(windows).sum();
+        let count: usize = trajectories.iter().map(|motion| motion.rows().saturating_sub(2 * half)).sum();
         // neighboring windows overlap
         if count * n < 2 * unknowns || count < half {
             return Ok(None);
@@ -242,10 +241,7 @@ impl<'a> WeakEquations<'a> {
 
     /// The coefficients that continue the rows that are held out best, as few as are as good.
     fn choose(&self, trajectories: &[Trajectory]) -> Result<Option<(Choice, f64)>, FormatError> {
-        let error = |choice: &Choice| {
-            let model = self.basis.dynamics(&choice.coefficients)?;
-            Ok(roll_out::error(&AccelerationModel::Motion(Box::new(model)), trajectories, split))
-        };
+        let error = |choice: &Choice| Ok(roll_out::error(&motion_model(self.basis, choice)?, trajectories, split));
         let largest = self.norms.iter().copied().fold(0.0, f64::max);
         let all: Vec<usize> = (0..self.norms.len()).filter(|unknown| self.norms[*unknown] > 1e-14 * largest).collect();
         let Some(singular) = self.singular_values(&all) else { return Ok(None) };
@@ -331,12 +327,9 @@ impl<'a> WeakEquations<'a> {
         let solution = space * weights;
         let mut coefficients = vec![0.0; self.norms.len()];
         active.iter().zip(&solution).for_each(|(unknown, value)| coefficients[*unknown] = *value);
-        let mass = |unknown: &usize| matches!(self.basis.unknowns[*unknown].0, EquationPart::Mass(..));
-        let largest = active
-            .iter()
-            .filter(|unknown| mass(unknown))
-            .map(|unknown| coefficients[*unknown].abs())
-            .fold(0.0, f64::max);
+        let of_mass =
+            active.iter().filter(|unknown| matches!(self.basis.unknowns[**unknown].0, EquationPart::Mass(..)));
+        let largest = of_mass.map(|unknown| coefficients[*unknown].abs()).fold(0.0, f64::max);
         coefficients.iter_mut().for_each(|value| *value /= largest);
         Some(Choice { active: active.to_vec(), coefficients, limit, solutions, independent: solutions })
     }
@@ -350,8 +343,8 @@ impl<'a> WeakEquations<'a> {
         let entries: Vec<(usize, usize)> = (0..n).flat_map(|i| (0..=i).map(move |j| (i, j))).collect();
         let mut of_solutions = DMatrix::zeros(entries.len() * rows, space.ncols());
         for (index, (i, j)) in entries.iter().enumerate() {
-            let is_entry = |unknown: usize| self.basis.unknowns[unknown].0 == EquationPart::Mass(*i, *j);
-            let chosen: Vec<usize> = (0..active.len()).filter(|k| is_entry(active[*k])).collect();
+            let entry = EquationPart::Mass(*i, *j);
+            let chosen: Vec<usize> = (0..active.len()).filter(|k| self.basis.unknowns[active[*k]].0 == entry).collect();
             let values = self.masses.select_columns(&chosen.iter().map(|k| active[*k]).collect::<Vec<_>>());
             // an entry beside the diagonal is there twice
             let weight = if i == j { 1.0 } else { 2f64.sqrt() } / (self.sizes[*i] * self.sizes[*j]);
@@ -414,8 +407,8 @@ const PROJECTIONS: usize = 100;
 /// How many of the singular values, the smallest first, may be zero: one for each coordinate, or those before the largest gap.
 fn likely_solutions(singular: &[f64], coordinates: usize) -> Vec<usize> {
     let few = singular.len().saturating_sub(1).min(coordinates * (coordinates + 1) / 2 + 6);
-    let gap = |k: &usize| singular[*k] / singular[*k - 1].max(f64::EPSILON);
-    let at_gap = (1..=few).max_by(|a, b| gap(a).total_cmp(&gap(b)));
+    let gaps = (1..=few).map(|k| (k, singular[k] / singular[k - 1].max(f64::EPSILON)));
+    let at_gap = gaps.max_by(|(_, a), (_, b)| a.total_cmp(b)).map(|(k, _)| k);
     let mut likely: Vec<usize> = (1..=coordinates.min(few)).chain(at_gap).collect();
     likely.sort_unstable();
     likely.dedup();
@@ -428,24 +421,9 @@ fn likely_solutions(singular: &[f64], coordinates: usize) -> Vec<usize> {
 /// # Errors
 /// [`IdentificationError::TooManyCoefficients`] if there are too many columns or too few rows.
 pub fn fit_accelerations(factors: &[Factor], trajectories: &[Trajectory]) -> Result<Identified, IdentificationError> {
-    let has = |is_angle: bool| factors.iter().any(|factor| (*factor == Factor::Angle) == is_angle);
-    let samples = |of: &dyn Fn(usize) -> std::ops::Range<usize>| {
-        let mut samples = EquationSamples::default();
-        for trajectory in trajectories {
-            let labels = trajectory.accelerations();
-            let (n, m, rows) = (trajectory.coordinates, trajectory.inputs(), trajectory.rows());
-            // differences at the ends are worse
-            for row in of(rows).filter(|row| (3..rows - 3).contains(row)) {
-                let (u, q, v) =
-                    (&trajectory.u[row * m..][..m], &trajectory.q[row * n..][..n], &trajectory.v[row * n..][..n]);
-                samples.points.push(&[&trajectory.parameters, u, q, v].concat());
-                samples.labels.push(&labels[row * n..][..n]);
-            }
-        }
-        samples
-    };
-    let (seen, unseen, all) =
-        (samples(&|rows| 0..split(rows)), samples(&|rows| split(rows)..rows), samples(&|rows| 0..rows));
+    let seen = acceleration_samples(trajectories, |rows| 0..split(rows));
+    let unseen = acceleration_samples(trajectories, |rows| split(rows)..rows);
+    let all = acceleration_samples(trajectories, |rows| 0..rows);
     let scales: Vec<f64> = (0..trajectories[0].coordinates)
         .map(|coordinate| all.labels.largest_magnitude(coordinate).max(f64::MIN_POSITIVE))
         .collect();
@@ -457,7 +435,7 @@ pub fn fit_accelerations(factors: &[Factor], trajectories: &[Trajectory]) -> Res
         let (coefficients, _) = least_squares::solve(factors.into(), &exponents, samples, &unseen, &scales).ok()?;
         least_squares::dictionary(factors.into(), &exponents, &coefficients, 0..scales.len()).ok()
     };
-    let mut order = [if has(true) { 2 } else { 0 }, 1];
+    let mut order = [if factors.contains(&Factor::Angle) { 2 } else { 0 }, 1];
     let mut best: Option<Identified> = None;
     let mut without_gain = 0;
     while without_gain < PATIENCE {
@@ -483,6 +461,27 @@ pub fn fit_accelerations(factors: &[Factor], trajectories: &[Trajectory]) -> Res
         }
     }
     best.ok_or(IdentificationError::TooManyCoefficients)
+}
+
+/// Accelerations by differences in some rows of each motion, those close to its ends left out.
+fn acceleration_samples(trajectories: &[Trajectory], chosen: fn(usize) -> Range<usize>) -> EquationSamples {
+    let mut samples = EquationSamples::default();
+    for trajectory in trajectories {
+        let labels = trajectory.accelerations();
+        let (n, m, rows) = (trajectory.coordinates, trajectory.inputs(), trajectory.rows());
+        // differences at the ends are worse
+        for row in chosen(rows).filter(|row| (3..rows - 3).contains(row)) {
+            let (u, q, v) =
+                (&trajectory.u[row * m..][..m], &trajectory.q[row * n..][..n], &trajectory.v[row * n..][..n]);
+            samples.points.push(&[&trajectory.parameters, u, q, v].concat());
+            samples.labels.push(&labels[row * n..][..n]);
+        }
+    }
+    samples
+}
+
+fn motion_model(basis: &Basis, choice: &Choice) -> Result<AccelerationModel, FormatError> {
+    Ok(AccelerationModel::Motion(Box::new(basis.dynamics(&choice.coefficients)?)))
 }
 
 impl AccelerationModel {

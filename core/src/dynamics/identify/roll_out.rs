@@ -53,13 +53,13 @@ pub(super) fn error(model: &AccelerationModel, trajectories: &[Trajectory], spli
 /// Standard deviation of each coordinate; one of those that do not move.
 pub(super) fn deviations(trajectory: &Trajectory) -> Vec<f64> {
     let (rows, n) = (trajectory.rows() as f64, trajectory.coordinates);
-    let of = |k: usize| {
-        let values = || trajectory.q.iter().skip(k).step_by(n);
-        let mean = values().sum::<f64>() / rows;
-        let deviation = (values().map(|value| (value - mean).powi(2)).sum::<f64>() / rows).sqrt();
+    let deviations = (0..n).map(|k| {
+        let values = trajectory.q.iter().skip(k).step_by(n);
+        let mean = values.clone().sum::<f64>() / rows;
+        let deviation = (values.map(|value| (value - mean).powi(2)).sum::<f64>() / rows).sqrt();
         if deviation > 0.0 { deviation } else { 1.0 }
-    };
-    (0..n).map(of).collect()
+    });
+    deviations.collect()
 }
 
 /// Accelerations along a motion, and steps of the classical Runge-Kutta method.

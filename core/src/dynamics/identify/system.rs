@@ -47,52 +47,60 @@ impl Basis {
     /// Products of these harmonics and powers; those of the potential have two powers more, so that forces have one more than the masses.
     pub(super) fn new(factors: &[Factor], coordinates: usize, inputs: usize, [harmonics, powers]: [usize; 2]) -> Self {
         let exponents = terms::exponents(factors, [harmonics, powers + 2]);
-        let power = |exponents: &[i16]| {
-            let powers = exponents.iter().zip(factors).filter(|(_, factor)| **factor != Factor::Angle);
-            powers.map(|(exponent, _)| usize::from(exponent.unsigned_abs())).sum::<usize>()
-        };
-        let is_free_of = |exponents: &[i16], is: &dyn Fn(usize, &Factor) -> bool| {
-            exponents.iter().zip(factors).enumerate().all(|(k, (exponent, factor))| *exponent == 0 || !is(k, factor))
-        };
-        let mut unknowns = Vec::new();
         let n = coordinates;
-        let mut add = |part: EquationPart, is_wanted: &dyn Fn(&[i16]) -> bool| {
-            let wanted = exponents.iter().enumerate().filter(|(_, exponents)| is_wanted(exponents));
-            unknowns.extend(wanted.map(|(product, _)| (part, product)));
-        };
-        let of_mass = |exponents: &[i16]| power(exponents) <= powers;
-        // what does not depend on the coordinates is no potential
-        let of_potential = |exponents: &[i16]| !is_free_of(exponents, &|k, _| k < n);
-        let of_damping =
-            |exponents: &[i16]| of_mass(exponents) && is_free_of(exponents, &|_, factor| *factor == Factor::Angle);
-        // a constant torque is no periodic potential
-        let of_force = |exponents: &[i16]| of_mass(exponents) && is_free_of(exponents, &|k, _| k < n);
-        for row in 0..n {
-            (0..=row).for_each(|column| add(EquationPart::Mass(row, column), &of_mass));
+        let (mut of_mass, mut of_potential, mut of_damping, mut of_force) =
+            <(Vec<_>, Vec<_>, Vec<_>, Vec<_>)>::default();
+        for (product, exponents) in exponents.iter().enumerate() {
+            let has_coordinate = exponents[..n].iter().any(|exponent| *exponent != 0);
+            if has_coordinate {
+                // what does not depend on the coordinates is no potential
+                of_potential.push(product);
+            }
+            if sum_of_powers(exponents, factors) > powers {
+                continue;
+            }
+            of_mass.push(product);
+            let has_angle =
+                exponents.iter().zip(factors).any(|(exponent, factor)| *exponent != 0 && *factor == Factor::Angle);
+            if !has_angle {
+                of_damping.push(product);
+            }
+            if !has_coordinate {
+                // a constant torque is no periodic potential
+                of_force.push(product);
+            }
         }
-        add(EquationPart::Potential, &of_potential);
-        (0..n).filter(|row| factors[*row] == Factor::Angle).for_each(|row| add(EquationPart::Force(row), &of_force));
+        let mut parts: Vec<(EquationPart, &[usize])> = Vec::new();
         for row in 0..n {
-            (0..n).for_each(|column| add(EquationPart::Damping(row, column), &of_damping));
+            parts.extend((0..=row).map(|column| (EquationPart::Mass(row, column), &of_mass[..])));
+        }
+        parts.push((EquationPart::Potential, &of_potential));
+        let angles = (0..n).filter(|row| factors[*row] == Factor::Angle);
+        parts.extend(angles.map(|row| (EquationPart::Force(row), &of_force[..])));
+        for row in 0..n {
+            parts.extend((0..n).map(|column| (EquationPart::Damping(row, column), &of_damping[..])));
         }
         for row in 0..n {
-            (0..inputs).for_each(|column| add(EquationPart::Input(row, column), &of_mass));
+            parts.extend((0..inputs).map(|column| (EquationPart::Input(row, column), &of_mass[..])));
         }
+        let unknowns =
+            parts.into_iter().flat_map(|(part, products)| products.iter().map(move |product| (part, *product)));
+        let unknowns = unknowns.collect();
         Self { factors: factors.to_vec(), coordinates, inputs, exponents, unknowns }
     }
 
     /// The products at the rows of a motion, shape `[rows, products]`.
     fn products(&self, trajectory: &Trajectory, rows: &[usize]) -> Result<DMatrix<f64>, FormatError> {
         let n = self.coordinates;
-        let point = |row: &usize| [&trajectory.q[row * n..][..n], &trajectory.parameters].concat();
-        terms::values(self.factors[..].into(), &self.exponents, &rows.iter().map(point).collect())
+        let points = rows.iter().map(|row| [&trajectory.q[row * n..][..n], &trajectory.parameters].concat());
+        terms::values(self.factors[..].into(), &self.exponents, &points.collect())
     }
 
     /// The derivative of each product with respect to a coordinate: a factor and another product.
     fn derivatives(&self, coordinate: usize) -> Vec<(f64, usize)> {
         let known: HashMap<&[i16], usize> =
             self.exponents.iter().enumerate().map(|(index, exponents)| (exponents.as_slice(), index)).collect();
-        let of = |exponents: &Vec<i16>| {
+        let derivatives = self.exponents.iter().map(|exponents| {
             let (mut other, order) = (exponents.clone(), exponents[coordinate]);
             let factor = match self.factors[coordinate] {
                 _ if order == 0 => return (0.0, 0),
@@ -107,8 +115,8 @@ impl Basis {
                 }
             };
             known.get(other.as_slice()).map_or((0.0, 0), |product| (factor, *product))
-        };
-        self.exponents.iter().map(of).collect()
+        });
+        derivatives.collect()
     }
 
     /// The weak equations of a motion with windows of `2 half + 1` rows whose middles are every `stride` rows: shape
@@ -173,11 +181,10 @@ impl Basis {
     /// zero for the other coefficients.
     pub(super) fn masses(&self, trajectory: &Trajectory, rows: &[usize]) -> Result<DMatrix<f64>, FormatError> {
         let products = self.products(trajectory, rows)?;
-        let value = |row: usize, unknown: usize| match self.unknowns[unknown] {
+        Ok(DMatrix::from_fn(rows.len(), self.unknowns.len(), |row, unknown| match self.unknowns[unknown] {
             (EquationPart::Mass(..), product) => products[(row, product)],
             _ => 0.0,
-        };
-        Ok(DMatrix::from_fn(rows.len(), self.unknowns.len(), value))
+        }))
     }
 
     /// The equations with these coefficients.
@@ -201,6 +208,12 @@ impl Basis {
         }
         Dynamics::new(n, m, Dictionary::new(&self.factors, functions, &terms)?)
     }
+}
+
+/// Sum of the powers of the columns that are no angles.
+fn sum_of_powers(exponents: &[i16], factors: &[Factor]) -> usize {
+    let powers = exponents.iter().zip(factors).filter(|(_, factor)| **factor != Factor::Angle);
+    powers.map(|(exponent, _)| usize::from(exponent.unsigned_abs())).sum()
 }
 
 /// Weights of the rows of a window, whose sum is one, and their derivatives with respect to time.

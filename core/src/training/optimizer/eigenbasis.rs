@@ -29,17 +29,17 @@ pub(super) struct Eigenbasis {
 
 impl Eigenbasis {
     pub(super) fn new(size: usize) -> Self {
-        let zeros = || Matrix::zeros(size, size);
+        let zeros = Matrix::zeros(size, size);
         let identity = Matrix::identity(size);
         Self {
             simd: InstructionSet::detect(),
-            covariance: zeros(),
+            covariance: zeros.clone(),
             rows: identity.clone(),
             columns: identity.clone(),
             turn: identity.clone(),
             turn_back: identity,
-            next: zeros(),
-            next_columns: zeros(),
+            next: zeros.clone(),
+            next_columns: zeros,
             projections: Matrix::zeros(WIDTH, size),
         }
     }

@@ -51,15 +51,14 @@ impl ElementwiseStep {
     /// For step number `step`, counted from 1.
     pub(super) fn new(rule: Optimizer, coefficients: &Coefficients, step: u64, learning_rate: f64) -> Self {
         let Coefficients { momentum, beta2, weight_decay, .. } = *coefficients;
-        let correction = |beta: f64| (1.0 - beta.powf(step as f64)).recip();
         Self {
             rule,
             simd: InstructionSet::detect(),
             rate: learning_rate as f32,
             momentum: momentum as f32,
             square_share: (1.0 - beta2) as f32,
-            mean_correction: correction(momentum) as f32,
-            root_correction: correction(beta2).sqrt() as f32,
+            mean_correction: correction(momentum, step) as f32,
+            root_correction: correction(beta2, step).sqrt() as f32,
             kept: (1.0 - learning_rate * weight_decay) as f32,
         }
     }
@@ -133,6 +132,11 @@ impl SimdKernel for Update<'_> {
             with.apply(direction, parameters);
         }
     }
+}
+
+/// Factor that makes up for the zeros a mean starts from.
+fn correction(beta: f64, step: u64) -> f64 {
+    (1.0 - beta.powf(step as f64)).recip()
 }
 
 #[cfg(test)]

@@ -74,10 +74,10 @@ impl Updater {
             weight_decay: if decays { options.weight_decay } else { 0.0 },
             refresh: options.refresh,
         };
-        let zeros = || Buffer::zeros(network.layout.len());
+        let length = network.layout.len();
         let memory = match options.optimizer {
             Optimizer::Soap => OptimizerState::Soap(Box::new(Soap::new(&network.layout))),
-            _ => OptimizerState::Elementwise { mean: zeros(), square: zeros() },
+            _ => OptimizerState::Elementwise { mean: Buffer::zeros(length), square: Buffer::zeros(length) },
         };
         Self {
             rule: options.optimizer,
@@ -135,9 +135,9 @@ impl Updater {
                 let (mean, square) = (Divided::new(mean), Divided::new(square));
                 team.for_each(pieces.len(), |_, index| {
                     let (gradient, parameters) = penalized(index);
-                    let range = || pieces[index].range.clone();
+                    let range = pieces[index].range.clone();
                     // SAFETY: the pieces of a layout do not overlap
-                    let (mean, square) = unsafe { (mean.range(range()), square.range(range())) };
+                    let (mean, square) = unsafe { (mean.range(range.clone()), square.range(range)) };
                     with.update(parameters, gradient, mean, square);
                     transpose(index, parameters);
                 });

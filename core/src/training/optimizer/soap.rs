@@ -140,16 +140,16 @@ fn for_all<T: Send>(team: &mut Team, values: &mut [T], work: impl Fn(&mut T) + S
 impl SoapLayer {
     fn new((index, shape): (usize, &LayerShape)) -> Self {
         let (rows, columns) = shape.matrix_size();
-        let zeros = || Matrix::zeros(rows, columns);
+        let zeros = Matrix::zeros(rows, columns);
         Self {
             index,
             shape: shape.clone(),
-            gradient: zeros(),
+            gradient: zeros.clone(),
             gradient_transposed: Matrix::zeros(columns, rows),
-            mean: zeros(),
-            square: zeros(),
-            direction: zeros(),
-            product: zeros(),
+            mean: zeros.clone(),
+            square: zeros.clone(),
+            direction: zeros.clone(),
+            product: zeros,
         }
     }
 
