@@ -108,12 +108,15 @@ pub fn position_coordinates(
 /// Positions and velocities of joints and bodies, by the names of their measures.
 pub fn motions(description: &Description, values: &[f64]) -> Vec<(String, Measure)> {
     let mut builder = MultibodyBuilder::new(description, values);
-    let of_joint =
-        |name: &String| ["angle", "position", "angular_velocity", "velocity"].map(|what| format!("{name}.{what}"));
-    let of_body =
-        |name: &String| ["x", "y", "angle", "vx", "vy", "angular_velocity"].map(|what| format!("{name}.{what}"));
-    let joints = description.joints.keys().flat_map(of_joint);
-    let names: Vec<String> = joints.chain(description.bodies.keys().flat_map(of_body)).collect();
+    let of_joints = description
+        .joints
+        .keys()
+        .flat_map(|name| ["angle", "position", "angular_velocity", "velocity"].map(|what| format!("{name}.{what}")));
+    let of_bodies = description
+        .bodies
+        .keys()
+        .flat_map(|name| ["x", "y", "angle", "vx", "vy", "angular_velocity"].map(|what| format!("{name}.{what}")));
+    let names: Vec<String> = of_joints.chain(of_bodies).collect();
     // a joint has some of them
     names.into_iter().filter_map(|name| builder.measure(&name).ok().map(|measure| (name, measure))).collect()
 }
@@ -488,42 +491,9 @@ impl<'a> MultibodyBuilder<'a> {
     fn bound(&mut self, key: &str, expression: &Expression, allowed: Scope) -> Option<BoundExpression> {
         let expanded = expression.with_variables(&self.variables);
         let expression = &self.noted(key, expanded)?;
-        let (of_state, of_time) = (allowed == Scope::State, allowed != Scope::Positions);
         let mut slots = Vec::new();
         for name in expression.names() {
-            let Description { inputs, states, .. } = self.description;
-            // actuator states follow the inputs
-            let state = states.get_index_of(name).map(|index| inputs.len() + index);
-            let input = inputs.get_index_of(name).or(state).filter(|_| of_state);
-            let parameter = self.description.parameters.get_index_of(name);
-            let value = parameter.map(|index| Slot::Parameter(index, self.values[index]));
-            let slot = match value.or(input.map(Slot::Input)) {
-                Some(slot) => Ok(slot),
-                None if name == "time" && of_time => Ok(Slot::Time),
-                None if allowed != Scope::Time && name.contains('.') => {
-                    self.measure(name).and_then(|measure| match measure {
-                        Measure::Position(coordinate) => Ok(Slot::Position(coordinate)),
-                        Measure::Velocity(coordinate) if of_state => Ok(Slot::Velocity(coordinate)),
-                        _ if of_state => {
-                            Err(NameError::OtherKind(format!("`{name}` is neither a position nor a velocity")))
-                        }
-                        _ => Err(NameError::OtherKind(format!("`{name}` is not a position"))),
-                    })
-                }
-                None if self.tables.contains_key(name) => {
-                    let message = format!("`{name}` is a table, expected its arguments, as in `{name}(time)`");
-                    Err(NameError::OtherKind(message))
-                }
-                None => {
-                    let parameters = self.description.parameters.keys().chain(self.description.variables.keys());
-                    let parameters = parameters.map(String::as_str);
-                    let inputs = inputs.keys().chain(states.keys()).map(String::as_str).filter(|_| of_state);
-                    let known = parameters.chain(inputs).chain(["time"].into_iter().filter(|_| of_time));
-                    let known: Vec<&str> = known.collect();
-                    Err(NameError::Unknown(format!("no `{name}`, {}", expected_one_of(name, &known))))
-                }
-            };
-            match slot {
+            match self.slot(name, allowed) {
                 Ok(slot) => slots.push(slot),
                 Err(error) => {
                     self.problem(key, format!("`{expression}`: {error}"));
@@ -533,7 +503,7 @@ impl<'a> MultibodyBuilder<'a> {
         }
         let mut kinked =
             expression.tables().filter(|name| self.tables.get(*name).is_some_and(|table| !table.is_smooth()));
-        if let Some(name) = kinked.next().filter(|_| !of_state) {
+        if let Some(name) = kinked.next().filter(|_| allowed != Scope::State) {
             let expected = "expected `interpolation = \"cubic\"` and `extrapolation = \"linear\"` or `\"periodic\"`";
             self.problem(key, format!("`{expression}`: the table `{name}` has no rate at its kinks, {expected}"));
         }
@@ -546,6 +516,37 @@ impl<'a> MultibodyBuilder<'a> {
         }
         let formula = expression.formula(&self.tables);
         Some(BoundExpression { text: expression.to_string(), formula: self.noted(key, formula)?, slots })
+    }
+
+    /// The slot that a name in an expression stands for.
+    fn slot(&mut self, name: &str, allowed: Scope) -> Result<Slot, NameError> {
+        let (of_state, of_time) = (allowed == Scope::State, allowed != Scope::Positions);
+        let Description { parameters, variables, inputs, states, .. } = self.description;
+        // actuator states follow the inputs
+        let state = states.get_index_of(name).map(|index| inputs.len() + index);
+        let input = inputs.get_index_of(name).or(state).filter(|_| of_state);
+        let value = parameters.get_index_of(name).map(|index| Slot::Parameter(index, self.values[index]));
+        match value.or(input.map(Slot::Input)) {
+            Some(slot) => Ok(slot),
+            None if name == "time" && of_time => Ok(Slot::Time),
+            None if allowed != Scope::Time && name.contains('.') => match self.measure(name)? {
+                Measure::Position(coordinate) => Ok(Slot::Position(coordinate)),
+                Measure::Velocity(coordinate) if of_state => Ok(Slot::Velocity(coordinate)),
+                _ if of_state => Err(NameError::OtherKind(format!("`{name}` is neither a position nor a velocity"))),
+                _ => Err(NameError::OtherKind(format!("`{name}` is not a position"))),
+            },
+            None if self.tables.contains_key(name) => {
+                let message = format!("`{name}` is a table, expected its arguments, as in `{name}(time)`");
+                Err(NameError::OtherKind(message))
+            }
+            None => {
+                let parameters = parameters.keys().chain(variables.keys()).map(String::as_str);
+                let inputs = inputs.keys().chain(states.keys()).map(String::as_str).filter(|_| of_state);
+                let known = parameters.chain(inputs).chain(["time"].into_iter().filter(|_| of_time));
+                let known: Vec<&str> = known.collect();
+                Err(NameError::Unknown(format!("no `{name}`, {}", expected_one_of(name, &known))))
+            }
+        }
     }
 
     /// The value of a result; its error becomes a problem of a key.

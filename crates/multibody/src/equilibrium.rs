@@ -72,7 +72,7 @@ pub(super) fn settle(
         }
         let stiffness = derivative(&|q: &DVector<f64>| forces(q) - held.gradients(q).sum(&multipliers), q);
         let step = loop {
-            let step = step(&model.mass, h, &stiffness, &transposed, (&residual, &held.residual(t, q)));
+            let step = step(&model.mass, h, &stiffness, &transposed, &residual, &held.residual(t, q));
             let step = step.filter(|step| left <= DECIDED * scale || step.dot(&residual) > 0.0);
             match step.filter(|step| size(step, length) <= LARGEST_STEP) {
                 Some(step) => break step,
@@ -123,7 +123,8 @@ fn step(
     h: f64,
     stiffness: &DMatrix<f64>,
     transposed: &DMatrix<f64>,
-    (residual, gaps): (&DVector<f64>, &DVector<f64>),
+    residual: &DVector<f64>,
+    gaps: &DVector<f64>,
 ) -> Option<DVector<f64>> {
     let (n, m) = transposed.shape();
     let mut matrix = DMatrix::zeros(n + m, n + m);

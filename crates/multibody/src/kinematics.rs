@@ -202,11 +202,11 @@ impl<'a> Way<'a> {
     fn singular_loop(&self, transposed: &DMatrix<f64>) -> Vec<&str> {
         let parts = self.loops.iter().map(|of| (of.least_independent_part(transposed), of));
         let Some((_, singular)) = parts.min_by(|(a, _), (b, _)| a.total_cmp(b)) else { return Vec::new() };
-        let of_its_bodies =
-            |&(_, coordinate): &(usize, usize)| singular.coordinates.iter().any(|c| c / 3 == coordinate / 3);
         let decisions =
             self.loops.iter().flat_map(|one| one.constraints.iter().copied().zip(one.coordinates.iter().copied()));
-        let mut rows: Vec<usize> = decisions.filter(of_its_bodies).map(|(row, _)| row).collect();
+        let of_its_bodies =
+            decisions.filter(|(_, coordinate)| singular.coordinates.iter().any(|c| c / 3 == coordinate / 3));
+        let mut rows: Vec<usize> = of_its_bodies.map(|(row, _)| row).collect();
         rows.sort_unstable();
         let mut owners: Vec<&str> = rows.into_iter().map(|row| self.model.constraints[row].owner.as_str()).collect();
         owners.dedup();

@@ -648,6 +648,13 @@ fn name_problems(description: &Description) -> Problems {
     if description.outputs.is_empty() {
         problems.add("outputs", "no output, expected at least one");
     }
+    add_output_problems(description, &mut problems);
+    problems
+}
+
+/// Adds the problems of the names of outputs, which are variables of the FMU beside parameters and inputs.
+fn add_output_problems(description: &Description, problems: &mut Problems) {
+    let Description { parameters, inputs, .. } = description;
     for name in description.outputs.keys() {
         let key = format!("outputs.{name}");
         if !is_plain(name) {
@@ -660,7 +667,6 @@ fn name_problems(description: &Description) -> Problems {
             problems.add(key, format!("`{name}` is an input already: names of variables must be unique"));
         }
     }
-    problems
 }
 
 /// Requirement of [`is_plain`] in messages.

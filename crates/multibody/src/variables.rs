@@ -9,9 +9,8 @@ pub fn variables(variables: &IndexMap<String, Expression>) -> (IndexMap<String, 
     let (mut expanded, mut problems) = (IndexMap::new(), Problems::default());
     let mut left: Vec<(&String, &Expression)> = variables.iter().collect();
     while !left.is_empty() {
-        let is_ready =
-            |(_, of): &(&String, &Expression)| !of.names().iter().any(|name| waits(name, variables, &expanded));
-        let (ready, others): (Vec<_>, Vec<_>) = left.into_iter().partition(is_ready);
+        let (others, ready): (Vec<_>, Vec<_>) =
+            left.into_iter().partition(|(_, of)| of.names().iter().any(|name| waits(name, variables, &expanded)));
         if ready.is_empty() {
             for (name, of) in others {
                 problems.add(format!("variables.{name}"), format!("`{of}` depends on the variable itself"));

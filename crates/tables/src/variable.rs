@@ -174,20 +174,9 @@ pub fn match_variables(
     missing.extend(
         doubtful.into_iter().filter(|variable| is_alone || closest(variable.name, unused.iter().copied()).is_some()),
     );
-    let impossible = defaults
-        .iter()
-        .filter(|default| wanted.iter().any(|variable| variable.name == default.name && variable.need == Need::Data));
-    let impossible = impossible.map(DefaultValue::impossible);
-    let can_have_default: Vec<&str> =
-        wanted.iter().filter(|variable| variable.need != Need::Data).map(|variable| variable.name).collect();
-    let unknown = defaults.iter().filter(|default| !names.contains(&default.name.as_str()));
-    let unknown = unknown.map(|default| default.unknown(&can_have_default));
-    let problems: Vec<String> = lacking(&missing, columns, &unused)
-        .into_iter()
-        .chain(impossible)
-        .chain(unknown)
-        .chain(contradictions(defaults))
-        .collect();
+    let mut problems: Vec<String> = lacking(&missing, columns, &unused).into_iter().collect();
+    problems.extend(mistaken_defaults(wanted, defaults));
+    problems.extend(contradictions(defaults));
     if !problems.is_empty() {
         return Err(VariableMatchError { problems });
     }
@@ -199,6 +188,17 @@ pub fn match_variables(
         found.notes.push(format!("columns that are not used: {}", listed(&unused)));
     }
     Ok(found)
+}
+
+/// Messages for default values of variables that are unknown or need data.
+fn mistaken_defaults(wanted: &[WantedVariable], defaults: &[DefaultValue]) -> Vec<String> {
+    let (need_data, can_have_default): (Vec<&WantedVariable>, Vec<&WantedVariable>) =
+        wanted.iter().partition(|variable| variable.need == Need::Data);
+    let can_have_default: Vec<&str> = can_have_default.iter().map(|variable| variable.name).collect();
+    let impossible = defaults.iter().filter(|default| need_data.iter().any(|variable| variable.name == default.name));
+    let unknown = defaults.iter().filter(|default| wanted.iter().all(|variable| variable.name != default.name));
+    let unknown = unknown.map(|default| default.unknown(&can_have_default));
+    impossible.map(DefaultValue::impossible).chain(unknown).collect()
 }
 
 /// Messages for variables with two different default values.

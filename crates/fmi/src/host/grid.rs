@@ -41,8 +41,6 @@ impl Grid {
     /// Common communication points of several FMUs.
     pub fn of_fmus<'a>(start: f64, stop: f64, step: f64, fmus: impl IntoIterator<Item = &'a Fmu>) -> Result<Self> {
         let grid = Self::of_times(start, stop, step);
-        let takes_whole_steps =
-            |fmu: &Fmu| fmu.co_simulation().is_some_and(|co_simulation| !co_simulation.variable_step_size);
         let grid = grid.and_then(|grid| match grid.partial && fmus.into_iter().any(takes_whole_steps) {
             true => Err("whole steps: the FMU cannot do a shorter last one"),
             false => Ok(grid),
@@ -97,6 +95,10 @@ impl Grid {
     pub fn size(&self, index: usize) -> f64 {
         if index < self.full_steps { self.step } else { self.stop - self.time(index) }
     }
+}
+
+fn takes_whole_steps(fmu: &Fmu) -> bool {
+    fmu.co_simulation().is_some_and(|co_simulation| !co_simulation.variable_step_size)
 }
 
 #[cfg(test)]

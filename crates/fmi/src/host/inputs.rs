@@ -192,7 +192,7 @@ impl InputDriver<'_> {
     }
 
     /// Sets all variables to their values at a time, after all rows up to it.
-    pub fn set_at(&self, instance: &FmuInstance, time: f64) -> Result<()> {
+    pub(super) fn set_at(&self, instance: &FmuInstance, time: f64) -> Result<()> {
         self.set(instance, time, self.rows_until(time))
     }
 

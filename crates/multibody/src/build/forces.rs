@@ -73,7 +73,7 @@ impl MultibodyBuilder<'_> {
                 rest: (rest, &spring.rest),
                 force: spring.force.as_ref(),
             };
-            self.spring(part, coordinate, (&mut springs, &mut efforts));
+            self.spring(part, coordinate, &mut springs, &mut efforts);
         }
         for (name, bushing) in &self.description.bushings {
             let owner = format!("bushings.{name}");
@@ -91,7 +91,7 @@ impl MultibodyBuilder<'_> {
                     rest,
                     force: None,
                 };
-                self.spring(part, coordinates.map(|of| of[k]), (&mut springs, &mut efforts));
+                self.spring(part, coordinates.map(|of| of[k]), &mut springs, &mut efforts);
             }
         }
         (springs, efforts)
@@ -102,7 +102,8 @@ impl MultibodyBuilder<'_> {
         &mut self,
         part: SpringPart,
         coordinate: Option<Coordinate>,
-        (springs, efforts): (&mut Vec<Spring>, &mut Vec<Effort>),
+        springs: &mut Vec<Spring>,
+        efforts: &mut Vec<Effort>,
     ) {
         let SpringPart { owner, name, rest: (rest, free), .. } = part;
         let mut stiffness = self.not_negative(&format!("{owner}.stiffness"), part.stiffness);

@@ -3,6 +3,7 @@
 use super::{MultibodyBuilder, contacts::ContactError, forces::bushing_coordinates};
 use crate::{
     coordinate::{BodyPoint, Coordinate, Frame},
+    description::{BushingOptions, SpringOptions},
     diagnostics::names::expected_one_of,
     joints::{Driver, Measures},
     measure::Measure,
@@ -71,24 +72,10 @@ impl MultibodyBuilder<'_> {
             return one_of(owner, what, self.joints[index].measures(self.joint_rows(index)));
         }
         if let Some((index, _, spring)) = description.springs.get_full(owner) {
-            let ends =
-                spring.between.as_ref().map(|[from, to]| Ok::<_, NameError>([self.point(from)?, self.point(to)?]));
-            let distance = ends.transpose()?.map(|[from, to]| Coordinate::Distance { from, to });
-            return match (what, distance) {
-                ("force", _) => Ok(Measure::SpringEffort(index)),
-                ("length", Some(distance)) => Ok(Measure::Position(distance)),
-                ("velocity", Some(distance)) => Ok(Measure::Velocity(distance)),
-                (_, Some(_)) => Err(NameError::unknown_measure(owner, what, &["length", "velocity", "force"])),
-                (_, None) => Err(NameError::unknown_measure(owner, what, &["force"])),
-            };
+            return self.spring_measure(owner, what, index, spring);
         }
         if let Some((index, _, bushing)) = description.bushings.get_full(owner) {
-            let springs = (description.springs.len() + 3 * index..).map(Measure::SpringEffort);
-            let [from, to] = [self.point(&bushing.between[0])?, self.point(&bushing.between[1])?];
-            let positions = bushing_coordinates([from, to]);
-            let positions = positions.map(Measure::Position).into_iter().chain(positions.map(Measure::Velocity));
-            let names = ["fx", "fy", "moment", "x", "y", "angle", "vx", "vy", "angular_velocity"];
-            return one_of(owner, what, names.into_iter().zip(springs.take(3).chain(positions)).collect());
+            return self.bushing_measure(owner, what, index, bushing);
         }
         if description.contacts.contains_key(owner) {
             return self.contact_measure(owner, what);
@@ -106,7 +93,45 @@ impl MultibodyBuilder<'_> {
             let message = format!("no joint or body `{owner}`, {}", expected_one_of(owner, &known));
             return Err(NameError::Unknown(message));
         }
-        let point = self.point(owner)?;
+        self.point_measure(owner, what)
+    }
+
+    fn spring_measure(
+        &mut self,
+        name: &str,
+        what: &str,
+        index: usize,
+        spring: &SpringOptions,
+    ) -> Result<Measure, NameError> {
+        let ends = spring.between.as_ref().map(|[from, to]| Ok::<_, NameError>([self.point(from)?, self.point(to)?]));
+        let distance = ends.transpose()?.map(|[from, to]| Coordinate::Distance { from, to });
+        match (what, distance) {
+            ("force", _) => Ok(Measure::SpringEffort(index)),
+            ("length", Some(distance)) => Ok(Measure::Position(distance)),
+            ("velocity", Some(distance)) => Ok(Measure::Velocity(distance)),
+            (_, Some(_)) => Err(NameError::unknown_measure(name, what, &["length", "velocity", "force"])),
+            (_, None) => Err(NameError::unknown_measure(name, what, &["force"])),
+        }
+    }
+
+    fn bushing_measure(
+        &mut self,
+        name: &str,
+        what: &str,
+        index: usize,
+        bushing: &BushingOptions,
+    ) -> Result<Measure, NameError> {
+        let springs = (self.description.springs.len() + 3 * index..).map(Measure::SpringEffort);
+        let [from, to] = [self.point(&bushing.between[0])?, self.point(&bushing.between[1])?];
+        let positions = bushing_coordinates([from, to]);
+        let positions = positions.map(Measure::Position).into_iter().chain(positions.map(Measure::Velocity));
+        let names = ["fx", "fy", "moment", "x", "y", "angle", "vx", "vy", "angular_velocity"];
+        one_of(name, what, names.into_iter().zip(springs.take(3).chain(positions)).collect())
+    }
+
+    /// A measure of a point; a body has more of them.
+    fn point_measure(&mut self, owner: &str, what: &str) -> Result<Measure, NameError> {
+        let (description, point) = (self.description, self.point(owner)?);
         let (x, y) = (Coordinate::component(point, 0), Coordinate::component(point, 1));
         let body = description.bodies.get_index_of(owner);
         let angle = Coordinate::Angle { from: None, to: body };
@@ -121,7 +146,7 @@ impl MultibodyBuilder<'_> {
             ("angular_velocity", Some(_)) => Ok(Measure::Velocity(angle)),
             ("angular_acceleration", Some(_)) => Ok(Measure::Acceleration(angle)),
             (_, Some(body)) if description.bodies[body].points.contains_key(what) => {
-                let message = format!("`{name}` is a point, expected a component such as `{name}.x`");
+                let message = format!("`{owner}.{what}` is a point, expected a component such as `{owner}.{what}.x`");
                 Err(NameError::OtherKind(message))
             }
             (_, Some(_)) => {

@@ -130,8 +130,6 @@ pub fn out_of_order_problem((what, names): (&str, &[&str]), (of, columns): (&str
 
 /// A name without case and punctuation, with and without the unit in brackets behind it.
 fn spellings(name: &str) -> [String; 2] {
-    let letters =
-        |text: &str| -> String { text.chars().filter(|c| c.is_alphanumeric()).flat_map(char::to_lowercase).collect() };
     let trimmed = name.trim_end();
     let without = [('[', ']'), ('(', ')')].into_iter().find_map(|(open, close)| {
         let (before, inside) = trimmed.strip_suffix(close)?.rsplit_once(open)?;
@@ -139,6 +137,10 @@ fn spellings(name: &str) -> [String; 2] {
         inside.contains(|c: char| !c.is_ascii_digit()).then_some(before)
     });
     [letters(name), letters(without.unwrap_or(name))]
+}
+
+fn letters(text: &str) -> String {
+    text.chars().filter(|c| c.is_alphanumeric()).flat_map(char::to_lowercase).collect()
 }
 
 fn folded(name: &str) -> Vec<char> {

@@ -203,12 +203,15 @@ fn line_of(breaks: &[usize], offset: usize) -> usize {
     breaks.partition_point(|&end| end < offset) + 1
 }
 
+/// Where the first name of a dotted key may end, the longest one first.
+fn ends(key: &str) -> Vec<usize> {
+    key.match_indices(['.', '[']).map(|(end, _)| end).chain([key.len()]).rev().collect()
+}
+
 /// Byte offset of the longest part of a dotted key, such as `layers[1].weight`, that is in the table.
 fn offset_of(root: &DeTable, key: &str) -> usize {
     let (mut table, mut rest, mut offset) = (root, key, 0);
     // variable names may contain dots and brackets, so the longest name that is there counts
-    let ends =
-        |rest: &str| rest.match_indices(['.', '[']).map(|(end, _)| end).chain([rest.len()]).rev().collect::<Vec<_>>();
     while let Some((name, mut value)) = ends(rest).into_iter().find_map(|end| table.get_key_value(&rest[..end])) {
         offset = name.span().start;
         rest = &rest[name.get_ref().len()..];
