@@ -1,8 +1,8 @@
 //! Cranes with made-up numbers: equations of motion with efforts, a motor, reactions and networks.
 
-use super::{shown, surrogate, uniform_sequence, variable};
+use super::{layer, shown, state, surrogate, term, uniform_sequence, variable};
 use metafmu_runtime::{
-    Activation, Dynamics, Efforts, Integration, Layer, Metadata, Motion, Program, Reactions, Role, ScaledNetwork,
+    Activation, Dynamics, Efforts, Input, Integration, Metadata, Motion, Program, Reactions, Role, ScaledNetwork,
     Scaling, Shown, State, Surrogate, Tunability,
     dictionary::{Dictionary, Factor, SPLINE_POWERS, SplineFactor, Term},
     formula::{Combination, ElementaryFunction, Extrapolation, Formula, FormulaStep, Interpolation, LookupTable},
@@ -14,17 +14,12 @@ use std::sync::Arc;
 /// parameter. The states are the trolley's position, the rope's angle and their velocities; the outputs are both positions, the load's
 /// horizontal position, velocity and acceleration, and the energies.
 pub fn crane() -> Surrogate {
-    let output = |name: &str, unit: &str| shown(name, unit, 20.0);
-    let state = |name: &str, unit: &str, rate_unit: &str, range| State {
-        name: name.into(),
-        unit: unit.into(),
-        rate_unit: rate_unit.into(),
-        description: format!("example state {name}"),
-        range,
-        nominal: 1.0,
-    };
-    let start = |name: &str, unit, value| variable(&State::start_name(name), Role::Start, unit, [-5.0, 5.0, value]);
-    let metadata = Metadata {
+    let program = Program::of_motion(crane_motion(), Integration::Fixed { step: 0.005 });
+    Surrogate::new(crane_metadata(), program).expect("the example is valid")
+}
+
+fn crane_metadata() -> Metadata {
+    Metadata {
         name: "crane".into(),
         description: "A crane with made-up numbers".into(),
         inputs: vec![
@@ -36,13 +31,13 @@ pub fn crane() -> Surrogate {
             variable("force", Role::Input, "N", [-10.0, 10.0, 0.0]),
         ],
         outputs: vec![
-            output("x", "m"),
-            output("theta", "rad"),
-            output("load.x", "m"),
-            output("load.vx", "m/s"),
-            output("load.ax", "m/s2"),
-            output("kinetic", "J"),
-            output("potential", "J"),
+            shown("x", "m", 20.0),
+            shown("theta", "rad", 20.0),
+            shown("load.x", "m", 20.0),
+            shown("load.vx", "m/s", 20.0),
+            shown("load.ax", "m/s2", 20.0),
+            shown("kinetic", "J", 20.0),
+            shown("potential", "J", 20.0),
         ],
         states: vec![
             state("trolley.position", "m", "m/s", Some([-5.0, 5.0])),
@@ -51,31 +46,28 @@ pub fn crane() -> Surrogate {
             state("rope.angular_velocity", "rad/s", "rad/s2", None),
         ],
         ..surrogate().metadata().clone()
-    };
+    }
+}
+
+fn start(name: &str, unit: &str, value: f64) -> Input {
+    variable(&State::start_name(name), Role::Start, unit, [-5.0, 5.0, value])
+}
+
+fn crane_motion() -> Motion {
     let factors = [Factor::Power { middle: 0.0, half: 1.0 }, Factor::Angle, Factor::Power { middle: 0.0, half: 1.0 }];
-    // exponents, and coefficients by function
-    type Product<'a> = ([i16; 3], &'a [(usize, f64)]);
-    let dictionary = |functions: usize, terms: &[Product]| {
-        let term = |&(exponents, values): &Product| {
-            let mut coefficients = vec![0.0; functions];
-            values.iter().for_each(|(index, value)| coefficients[*index] = *value);
-            Term { exponents: exponents.to_vec(), coefficients }
-        };
-        Dictionary::new(&factors, functions, &terms.iter().map(term).collect::<Vec<_>>()).expect("the example is valid")
-    };
     // M = [3; l cos, l²], V = -g l cos, D_xx = 0.3, B_x = 1
-    let function_set = dictionary(
-        Dynamics::functions(2, 1),
-        &[
-            ([0, 0, 0], &[(0, 3.0), (6, 0.3), (10, 1.0)]),
-            ([0, 1, 1], &[(1, 1.0), (3, -9.81)]),
-            ([0, 0, 2], &[(2, 1.0)]),
-        ],
-    );
-    let motion = Motion {
+    let functions = Dynamics::functions(2, 1);
+    let terms = [
+        term(&[0, 0, 0], functions, &[(0, 3.0), (6, 0.3), (10, 1.0)]),
+        term(&[0, 1, 1], functions, &[(1, 1.0), (3, -9.81)]),
+        term(&[0, 0, 2], functions, &[(2, 1.0)]),
+    ];
+    let function_set = Dictionary::new(&factors, functions, &terms).expect("the example is valid");
+    // x, theta and the load's x: what is not a winding is l sin theta
+    let positions = Dictionary::new(&factors, 3, &[term(&[0, -1, 1], 3, &[(2, 1.0)])]).expect("the example is valid");
+    Motion {
         dynamics: Dynamics::new(2, 1, function_set).expect("the example is valid"),
-        // x, theta and the load's x: what is not a winding is l sin theta
-        positions: dictionary(3, &[([0, -1, 1], &[(2, 1.0)])]).into(),
+        positions: positions.into(),
         windings: vec![1.0, 0.0, 0.0, 1.0, 1.0, 0.0],
         reactions: None,
         actuator_states: 0,
@@ -88,9 +80,11 @@ pub fn crane() -> Surrogate {
             Shown::KineticEnergy,
             Shown::PotentialEnergy,
         ],
-    };
-    let program = Program::of_motion(motion, Integration::Fixed { step: 0.005 });
-    Surrogate::new(metadata, program).expect("the example is valid")
+    }
+}
+
+fn formula(steps: &[FormulaStep]) -> Formula {
+    Formula::new(steps.to_vec()).expect("the example is valid")
 }
 
 /// The example with different equations.
@@ -102,14 +96,36 @@ fn with_motion(like: &Surrogate, metadata: Metadata, motion: Motion) -> Surrogat
 /// [`crane`] with efforts: friction of the trolley, `force - 0.3 tanh(20 v)`, wind against the load's horizontal motion as a torque on the
 /// rope, and a force with made-up numbers that has every function and operation.
 pub fn crane_with_efforts() -> Surrogate {
-    use Combination::{Add, Angle, Divide, Maximum, Minimum, Multiply, Power, Subtract};
-    use ElementaryFunction::{Abs, Acos, Asin, Atan, Cos, Exp, Floor, Ln, Sign, Sin, Smooth, Sqrt, Tan, Tanh};
-    use FormulaStep::{Call, Column, Combine, Constant, Lookup, Negate};
-    let [held, smooth, periodic] = lookup_tables().map(Lookup);
     let crane = crane();
     let motion = crane.program().motion().expect("the crane moves");
-    let formula = |steps: &[FormulaStep]| Formula::new(steps.to_vec()).expect("the example is valid");
-    // columns: l, force; theta, the load's x, x; their rates
+    let [friction, wind] = friction_and_wind();
+    let formulas = vec![friction, wind, made_up_force()];
+    let windings = vec![0.0, 1.0, 1.0, 0.0, 1.0, 0.0];
+    let efforts = Efforts::new([1, 1, 2], windings, formulas).expect("the example is valid");
+    // three positions after V, and a column of B for each effort
+    let functions = Dynamics::functions(2, 3) + 3;
+    let widened = motion.dynamics.function_set().dictionary().terms().map(|term| {
+        let mut coefficients = vec![0.0; functions];
+        coefficients[..4].copy_from_slice(&term.coefficients[..4]);
+        coefficients[7..13].copy_from_slice(&term.coefficients[4..10]);
+        Term { coefficients, ..term }
+    });
+    let mut terms: Vec<Term> = widened.collect();
+    // l sin theta of the load; B = [1 0 0.5; 0 1 0]
+    terms.push(term(&[0, -1, 1], functions, &[(5, 1.0)]));
+    terms.push(term(&[0, 0, 0], functions, &[(13, 1.0), (15, 0.5), (17, 1.0)]));
+    let factors: Vec<Factor> = motion.dynamics.function_set().dictionary().factors().collect();
+    let function_set = Dictionary::new(&factors, functions, &terms).expect("the example is valid");
+    let dynamics = Dynamics::with_efforts(efforts, function_set).expect("the example is valid");
+    let motion = Motion { dynamics, ..motion.clone() };
+    with_motion(&crane, crane.metadata().clone(), motion)
+}
+
+/// Friction and wind of [`crane_with_efforts`]. Columns: l, force; theta, the load's x, x; their rates.
+fn friction_and_wind() -> [Formula; 2] {
+    use Combination::{Multiply, Subtract};
+    use ElementaryFunction::{Abs, Cos, Tanh};
+    use FormulaStep::{Call, Column, Combine, Constant, Negate};
     let friction = [
         Column(1),
         Constant(0.3),
@@ -128,8 +144,17 @@ pub fn crane_with_efforts() -> Surrogate {
         &wind_speed,
         &[Call(Abs), Combine(Multiply), Column(0), Combine(Multiply), Column(2), Call(Cos), Combine(Multiply)],
     ];
+    [formula(&friction), formula(&wind.concat())]
+}
+
+/// A force that has every function and operation, of the columns of [`friction_and_wind`].
+fn made_up_force() -> Formula {
+    use Combination::{Add, Angle, Divide, Maximum, Minimum, Multiply, Power, Subtract};
+    use ElementaryFunction::{Acos, Asin, Atan, Exp, Floor, Ln, Sign, Sin, Smooth, Sqrt, Tan};
+    use FormulaStep::{Call, Column, Combine, Constant, Lookup, Negate};
+    let [held, smooth, periodic] = lookup_tables().map(Lookup);
     let bounded = [Column(4), Constant(10.0), Combine(Divide), Call(Sin)];
-    let motor = [
+    let force = [
         &bounded[..],
         &[Call(Asin)],
         &bounded,
@@ -176,31 +201,7 @@ pub fn crane_with_efforts() -> Surrogate {
         &[Column(0), Column(5), smooth, Combine(Add)],
         &[Column(2), periodic, Combine(Add)],
     ];
-    let formulas = vec![formula(&friction), formula(&wind.concat()), formula(&motor.concat())];
-    let windings = vec![0.0, 1.0, 1.0, 0.0, 1.0, 0.0];
-    let efforts = Efforts::new([1, 1, 2], windings, formulas).expect("the example is valid");
-    // three positions after V, and a column of B for each effort
-    let functions = Dynamics::functions(2, 3) + 3;
-    let widened = |term: Term| {
-        let mut coefficients = vec![0.0; functions];
-        coefficients[..4].copy_from_slice(&term.coefficients[..4]);
-        coefficients[7..13].copy_from_slice(&term.coefficients[4..10]);
-        Term { coefficients, ..term }
-    };
-    let mut terms: Vec<Term> = motion.dynamics.function_set().dictionary().terms().map(widened).collect();
-    let mut more = |exponents: [i16; 3], values: &[(usize, f64)]| {
-        let mut coefficients = vec![0.0; functions];
-        values.iter().for_each(|(index, value)| coefficients[*index] = *value);
-        terms.push(Term { exponents: exponents.to_vec(), coefficients });
-    };
-    // l sin theta of the load; B = [1 0 0.5; 0 1 0]
-    more([0, -1, 1], &[(5, 1.0)]);
-    more([0, 0, 0], &[(13, 1.0), (15, 0.5), (17, 1.0)]);
-    let factors: Vec<Factor> = motion.dynamics.function_set().dictionary().factors().collect();
-    let function_set = Dictionary::new(&factors, functions, &terms).expect("the example is valid");
-    let dynamics = Dynamics::with_efforts(efforts, function_set).expect("the example is valid");
-    let motion = Motion { dynamics, ..motion.clone() };
-    with_motion(&crane, crane.metadata().clone(), motion)
+    formula(&force.concat())
 }
 
 /// [`crane_with_reactions`] with a spline of the angle, its square and its slopes in equations, positions and reactions.
@@ -209,29 +210,40 @@ pub fn crane_with_splines() -> Surrogate {
     let motion = crane.program().motion().expect("the crane moves");
     let [.., periodic] = lookup_tables();
     let splines = [SplineFactor { column: 1, table: periodic }];
-    let with = |dictionary: &Dictionary, more: &[([i16; 6], usize, f64)]| {
-        let factors: Vec<Factor> = dictionary.factors().collect();
-        let mut terms: Vec<Term> = dictionary.terms().collect();
-        terms.iter_mut().for_each(|term| term.exponents.extend([0; SPLINE_POWERS]));
-        terms.extend(more.iter().map(|(exponents, output, value)| {
-            let mut coefficients = vec![0.0; dictionary.outputs()];
-            coefficients[*output] = *value;
-            Term { exponents: exponents.to_vec(), coefficients }
-        }));
-        Dictionary::with_splines(&factors, &splines, dictionary.outputs(), &terms).expect("the example is valid")
-    };
     // M_00, M_11, V; the first position; the first force
-    let of_motion = [([0, 0, 0, 0, 2, 0], 0, 0.02), ([0, -1, 1, 1, 1, 0], 2, 0.01), ([0, 0, 1, 2, 0, 0], 3, 3.0)];
-    let function_set = with(motion.dynamics.function_set().dictionary(), &of_motion);
+    let of_motion = motion.dynamics.function_set().dictionary();
+    let functions = of_motion.outputs();
+    let terms = [
+        term(&[0, 0, 0, 0, 2, 0], functions, &[(0, 0.02)]),
+        term(&[0, -1, 1, 1, 1, 0], functions, &[(2, 0.01)]),
+        term(&[0, 0, 1, 2, 0, 0], functions, &[(3, 3.0)]),
+    ];
+    let function_set = with_splines(of_motion, &splines, &terms);
     let dynamics =
         Dynamics::with_efforts(motion.dynamics.efforts().clone(), function_set).expect("the example is valid");
-    let positions = with(motion.positions.dictionary(), &[([0, 0, 0, 1, 0, 0], 0, 0.25)]).into();
+    let positions = motion.positions.dictionary();
+    let of_position = term(&[0, 0, 0, 1, 0, 0], positions.outputs(), &[(0, 0.25)]);
+    let positions = with_splines(positions, &splines, &[of_position]).into();
     let reactions = motion.reactions.as_ref().map(|reactions| {
         let each = Reactions::functions_of_each(2, 1);
-        let functions = with(reactions.functions(), &[([0, 0, 0, 0, 1, 1], 1, 0.01), ([0, 1, 0, 0, 0, 1], each, 0.02)]);
+        let functions = reactions.functions();
+        let terms = [
+            term(&[0, 0, 0, 0, 1, 1], functions.outputs(), &[(1, 0.01)]),
+            term(&[0, 1, 0, 0, 0, 1], functions.outputs(), &[(each, 0.02)]),
+        ];
+        let functions = with_splines(functions, &splines, &terms);
         Reactions::new(2, 1, functions).expect("the example is valid")
     });
     with_motion(&crane, crane.metadata().clone(), Motion { dynamics, positions, reactions, ..motion.clone() })
+}
+
+/// A dictionary with splines and more terms, whose exponents end with those of the splines.
+fn with_splines(dictionary: &Dictionary, splines: &[SplineFactor], more: &[Term]) -> Dictionary {
+    let factors: Vec<Factor> = dictionary.factors().collect();
+    let mut terms: Vec<Term> = dictionary.terms().collect();
+    terms.iter_mut().for_each(|term| term.exponents.extend([0; SPLINE_POWERS]));
+    terms.extend_from_slice(more);
+    Dictionary::with_splines(&factors, splines, dictionary.outputs(), &terms).expect("the example is valid")
 }
 
 /// [`crane`] with a motor: the input is its voltage, its current is a state, the force is 4 times the current, and the electrical power is a
@@ -241,7 +253,6 @@ pub fn crane_with_motor() -> Surrogate {
     use FormulaStep::{Column, Combine, Constant};
     let crane = crane();
     let motion = crane.program().motion().expect("the crane moves");
-    let formula = |steps: &[FormulaStep]| Formula::new(steps.to_vec()).expect("the example is valid");
     // columns: l; voltage, current; x; its rate
     let force = [Constant(4.0), Column(2), Combine(Multiply)];
     let power = [Column(1), Column(2), Combine(Multiply)];
@@ -255,14 +266,14 @@ pub fn crane_with_motor() -> Surrogate {
     let efforts = Efforts::new([1, 2, 2], vec![1.0, 0.0, 0.0, 1.0], formulas).expect("the example is valid");
     // two positions after V, and a column of B for each effort
     let functions = Dynamics::functions(2, 3) + 2;
-    let widened = |term: Term| {
+    let terms = motion.dynamics.function_set().dictionary().terms().map(|term| {
         let mut coefficients = vec![0.0; functions];
         coefficients[..4].copy_from_slice(&term.coefficients[..4]);
         coefficients[6..12].copy_from_slice(&term.coefficients[4..10]);
         coefficients[12] = term.coefficients[10];
         Term { coefficients, ..term }
-    };
-    let terms: Vec<Term> = motion.dynamics.function_set().dictionary().terms().map(widened).collect();
+    });
+    let terms: Vec<Term> = terms.collect();
     let factors: Vec<Factor> = motion.dynamics.function_set().dictionary().factors().collect();
     let function_set = Dictionary::new(&factors, functions, &terms).expect("the example is valid");
     let dynamics = Dynamics::with_efforts(efforts, function_set).expect("the example is valid");
@@ -270,37 +281,24 @@ pub fn crane_with_motor() -> Surrogate {
     let motion = Motion { dynamics, outputs, actuator_states: 1, ..motion.clone() };
     let mut metadata = crane.metadata().clone();
     metadata.outputs.push(shown("power", "W", 20.0));
-    let current = State {
-        name: "current".into(),
-        unit: "A".into(),
-        rate_unit: "A/s".into(),
-        description: "example state current".into(),
-        range: Some([-20.0, 20.0]),
-        nominal: 1.0,
-    };
     let voltage = metadata.inputs.len() - 1;
-    metadata.inputs.insert(voltage, variable(&State::start_name("current"), Role::Start, "A", [-5.0, 5.0, 0.5]));
-    metadata.states.push(current);
+    metadata.inputs.insert(voltage, start("current", "A", 0.5));
+    metadata.states.push(state("current", "A", "A/s", Some([-20.0, 20.0])));
     with_motion(&crane, metadata, motion)
 }
 
 /// Tables of one argument with straight lines, of two arguments with a spline, and a spline that repeats itself.
 fn lookup_tables() -> [Arc<LookupTable>; 3] {
-    let table = |axes: &[&[f64]], values: &[f64], interpolation, extrapolation| {
-        let axes = axes.iter().map(|axis| axis.to_vec()).collect();
-        Arc::new(LookupTable::new(axes, values.to_vec(), interpolation, extrapolation).expect("the example is valid"))
-    };
-    let surface: Vec<f64> = (0..20).map(|k| f64::from(k * k % 7) / 4.0 - 0.5).collect();
+    use Interpolation::{Cubic, Linear};
+    let surface = (0..20).map(|k| f64::from(k * k % 7) / 4.0 - 0.5).collect();
+    let arguments = vec![vec![0.5, 0.75, 1.0, 2.0], vec![-1.0, -0.25, 0.0, 0.5, 1.0]];
+    let (knots, values) = (vec![-0.2, 0.1, 0.25, 0.8], vec![0.1, 0.3, -0.2, 0.1]);
     [
-        table(&[&[-0.5, 0.0, 0.75]], &[0.25, 0.0, -0.5], Interpolation::Linear, Extrapolation::Hold),
-        table(
-            &[&[0.5, 0.75, 1.0, 2.0], &[-1.0, -0.25, 0.0, 0.5, 1.0]],
-            &surface,
-            Interpolation::Cubic,
-            Extrapolation::Linear,
-        ),
-        table(&[&[-0.2, 0.1, 0.25, 0.8]], &[0.1, 0.3, -0.2, 0.1], Interpolation::Cubic, Extrapolation::Periodic),
+        LookupTable::new(vec![vec![-0.5, 0.0, 0.75]], vec![0.25, 0.0, -0.5], Linear, Extrapolation::Hold),
+        LookupTable::new(arguments, surface, Cubic, Extrapolation::Linear),
+        LookupTable::new(vec![knots], values, Cubic, Extrapolation::Periodic),
     ]
+    .map(|table| Arc::new(table.expect("the example is valid")))
 }
 
 /// A crane whose trolley has a prescribed acceleration, its input less 0.3 of its velocity.
@@ -317,20 +315,16 @@ pub fn crane_with_reactions() -> Surrogate {
     let motion = crane.program().motion().expect("the crane moves");
     // A; C_00, C_10, C_11; D; F; B
     let each = Reactions::functions_of_each(2, 1);
-    let term = |exponents: [i16; 3], values: &[(usize, f64)]| {
-        let mut coefficients = vec![0.0; 2 * each];
-        values.iter().for_each(|(index, value)| coefficients[*index] = *value);
-        Term { exponents: exponents.to_vec(), coefficients }
-    };
+    let count = 2 * each;
     let terms = [
-        term([0, 0, 0], &[(7, 9.81), (each, 2.0), (each + 5, -0.3)]),
-        term([0, -1, 1], &[(1, 1.0), (each + 1, 0.25), (each + 2, -0.5)]),
-        term([0, 1, 1], &[(4, 1.0), (each + 3, 1.5), (each + 4, 0.75)]),
-        term([1, -2, 0], &[(each + 6, 0.125), (each + 7, 0.5)]),
-        term([0, 0, 2], &[(each + 8, 0.25)]),
+        term(&[0, 0, 0], count, &[(7, 9.81), (each, 2.0), (each + 5, -0.3)]),
+        term(&[0, -1, 1], count, &[(1, 1.0), (each + 1, 0.25), (each + 2, -0.5)]),
+        term(&[0, 1, 1], count, &[(4, 1.0), (each + 3, 1.5), (each + 4, 0.75)]),
+        term(&[1, -2, 0], count, &[(each + 6, 0.125), (each + 7, 0.5)]),
+        term(&[0, 0, 2], count, &[(each + 8, 0.25)]),
     ];
     let factors: Vec<Factor> = motion.dynamics.function_set().dictionary().factors().collect();
-    let functions = Dictionary::new(&factors, 2 * each, &terms).expect("the example is valid");
+    let functions = Dictionary::new(&factors, count, &terms).expect("the example is valid");
     let reactions = Reactions::new(2, 1, functions).expect("the example is valid");
     let mut metadata = crane.metadata().clone();
     metadata.outputs.extend(["rope.fy", "belt"].map(|name| shown(name, "N", 20.0)));
@@ -345,31 +339,11 @@ pub fn crane_with_networks() -> Surrogate {
     let crane = crane();
     let motion = crane.program().motion().expect("the crane moves");
     let mut uniform = uniform_sequence();
-    let mut term = |columns: &[(usize, ColumnKind)], outputs: &[usize], activation| {
-        let mut layer = |inputs: usize, outputs: usize, activation| {
-            let weight: Vec<f32> = (0..inputs * outputs).map(|_| uniform()).collect();
-            let bias: Vec<f32> = (0..outputs).map(|_| uniform()).collect();
-            Layer { inputs, outputs, weight: weight.into(), bias: bias.into(), activation }
-        };
-        let layers = vec![
-            layer(columns.len(), 9, activation),
-            layer(9, 6, activation),
-            layer(6, outputs.len(), Activation::Identity),
-        ];
-        let scaling = Scaling {
-            input_mean: vec![0.1; columns.len()],
-            input_scale: vec![2.0; columns.len()],
-            output_mean: vec![0.05; outputs.len()],
-            output_scale: vec![0.125; outputs.len()],
-        };
-        let columns = columns.iter().map(|&(of, kind)| NetworkColumn { of, kind }).collect();
-        NetworkTerm::new(columns, outputs.into(), ScaledNetwork { scaling, layers }).expect("the example is valid")
-    };
-    let (plain, sine, cosine) = (ColumnKind::Plain, ColumnKind::Sine, ColumnKind::Cosine);
-    let of_law = term(&[(1, sine), (1, cosine), (0, plain), (2, plain)], &[0, 1, 2, 3, 6, 10], Activation::Tanh);
-    let of_positions = term(&[(1, sine), (2, plain)], &[2], Activation::Silu);
-    let columns = [(0, plain), (1, cosine), (2, plain), (3, plain), (4, plain), (5, plain)];
-    let forces = term(&columns, &[1, 0], Activation::Tanh);
+    let [x, l, v, w, u] = [0, 2, 3, 4, 5].map(|of| NetworkColumn { of, kind: ColumnKind::Plain });
+    let [sine, cosine] = [ColumnKind::Sine, ColumnKind::Cosine].map(|kind| NetworkColumn { of: 1, kind });
+    let of_law = network_term(vec![sine, cosine, x, l], vec![0, 1, 2, 3, 6, 10], Activation::Tanh, &mut uniform);
+    let of_positions = network_term(vec![sine, l], vec![2], Activation::Silu, &mut uniform);
+    let forces = network_term(vec![x, cosine, l, v, w, u], vec![1, 0], Activation::Tanh, &mut uniform);
     let function_set = FunctionSet::new(motion.dynamics.function_set().dictionary().clone(), Some(of_law))
         .expect("the example is valid");
     let positions = motion.positions.dictionary().clone();
@@ -380,4 +354,25 @@ pub fn crane_with_networks() -> Surrogate {
         ..motion.clone()
     };
     with_motion(&crane, crane.metadata().clone(), motion)
+}
+
+/// Network with hidden layers of 9 and 6 and numbers of a sequence.
+fn network_term(
+    columns: Vec<NetworkColumn>,
+    outputs: Vec<usize>,
+    activation: Activation,
+    uniform: &mut impl FnMut() -> f32,
+) -> NetworkTerm {
+    let layers = vec![
+        layer(columns.len(), 9, activation, uniform),
+        layer(9, 6, activation, uniform),
+        layer(6, outputs.len(), Activation::Identity, uniform),
+    ];
+    let scaling = Scaling {
+        input_mean: vec![0.1; columns.len()],
+        input_scale: vec![2.0; columns.len()],
+        output_mean: vec![0.05; outputs.len()],
+        output_scale: vec![0.125; outputs.len()],
+    };
+    NetworkTerm::new(columns, outputs, ScaledNetwork { scaling, layers }).expect("the example is valid")
 }

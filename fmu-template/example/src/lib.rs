@@ -39,20 +39,15 @@ pub fn with_network(hidden: &[usize], activation: Activation) -> Surrogate {
 /// # Panics
 /// If a size is zero.
 pub fn with_precision(hidden: &[usize], activation: Activation, precision: Precision) -> Surrogate {
-    let input = |name: &str, role, unit: &str, min, max| {
-        let start = if role == Role::Time { min } else { 0.5 * (min + max) };
-        variable(name, role, unit, [min, max, start])
-    };
-    let output = |name: &str, unit: &str| shown(name, unit, 2.0);
     let metadata = Metadata {
         name: "example".into(),
         description: "A network with made-up weights".into(),
         inputs: vec![
-            input("length", Role::Parameter(Tunability::Tunable), "m", 0.1, 0.2),
-            input("speed", Role::Parameter(Tunability::Fixed), "rad/s", 0.0, 5.0),
-            input("time", Role::Time, "s", 0.0, 2.0),
+            variable("length", Role::Parameter(Tunability::Tunable), "m", [0.1, 0.2, 0.5 * (0.1 + 0.2)]),
+            variable("speed", Role::Parameter(Tunability::Fixed), "rad/s", [0.0, 5.0, 2.5]),
+            variable("time", Role::Time, "s", [0.0, 2.0, 0.0]),
         ],
-        outputs: vec![output("angle", "rad"), output("velocity", "rad/s")],
+        outputs: vec![shown("angle", "rad", 2.0), shown("velocity", "rad/s", 2.0)],
         states: Vec::new(),
         arrays: Vec::new(),
         bounds: None,
@@ -86,6 +81,17 @@ fn variable(name: &str, role: Role, unit: &str, [min, max, start]: [f64; 3]) -> 
     }
 }
 
+fn state(name: &str, unit: &str, rate_unit: &str, range: Option<[f64; 2]>) -> State {
+    State {
+        name: name.into(),
+        unit: unit.into(),
+        rate_unit: rate_unit.into(),
+        description: format!("example state {name}"),
+        range,
+        nominal: 1.0,
+    }
+}
+
 fn shown(name: &str, unit: &str, largest: f64) -> Output {
     let description = format!("example output {name}");
     Output { name: name.into(), unit: unit.into(), description, min: -largest, max: largest, std_of: None }
@@ -99,7 +105,7 @@ pub fn per_instant(hidden: &[usize], activation: Activation, precision: Precisio
     let metadata = with_precision(hidden, activation, precision).metadata().clone();
     let mut uniform = uniform_sequence();
     let instants = vec![0.0, 0.5, 0.75, 2.0];
-    let network = |&instant: &f64| ScaledNetwork {
+    let networks = instants.iter().map(|&instant| ScaledNetwork {
         scaling: Scaling {
             input_mean: vec![0.15, 2.5],
             input_scale: vec![0.03, 1.5],
@@ -107,22 +113,29 @@ pub fn per_instant(hidden: &[usize], activation: Activation, precision: Precisio
             output_scale: vec![0.8, 6.0 - instant],
         },
         layers: layers(&[&[2], hidden, &[2]].concat(), activation, &mut uniform),
-    };
-    let networks: Vec<ScaledNetwork> = instants.iter().map(network).collect();
+    });
+    let networks: Vec<ScaledNetwork> = networks.collect();
     Surrogate::new(metadata, Graph::of_instants(3, 2, instants, &networks)).expect("the example is valid")
 }
 
 /// Layers of these sizes, inputs first; the last one is linear.
 fn layers(sizes: &[usize], activation: Activation, uniform: &mut impl FnMut() -> f32) -> Vec<Layer> {
-    let layer = |(index, pair): (usize, &[usize])| {
+    let layers = sizes.windows(2).enumerate().map(|(index, pair)| {
         let (inputs, outputs) = (pair[0], pair[1]);
         let scale = 1.0 / (inputs as f32).sqrt();
         let weight: Vec<f32> = (0..inputs * outputs).map(|_| scale * uniform()).collect();
         let bias: Vec<f32> = (0..outputs).map(|_| scale * uniform()).collect();
         let activation = if index + 2 == sizes.len() { Activation::Identity } else { activation };
         Layer { inputs, outputs, weight: weight.into(), bias: bias.into(), activation }
-    };
-    sizes.windows(2).enumerate().map(layer).collect()
+    });
+    layers.collect()
+}
+
+/// A layer with numbers of a sequence.
+fn layer(inputs: usize, outputs: usize, activation: Activation, uniform: &mut impl FnMut() -> f32) -> Layer {
+    let weight: Vec<f32> = (0..inputs * outputs).map(|_| uniform()).collect();
+    let bias: Vec<f32> = (0..outputs).map(|_| uniform()).collect();
+    Layer { inputs, outputs, weight: weight.into(), bias: bias.into(), activation }
 }
 
 /// [`surrogate`] with `speed` an input that another component drives.
@@ -143,27 +156,28 @@ pub fn encoded(surrogate: &Surrogate) -> Surrogate {
     metadata.inputs[0].start = 0.14;
     metadata.inputs[1].encoding = Encoding::Periodic;
     let mut uniform = uniform_sequence();
-    let mut encode = |network: &ScaledNetwork| {
-        let mut network = network.clone();
-        let Scaling { input_mean, input_scale, .. } = &mut network.scaling;
-        input_mean.splice(..2, [0.3, 0.35, 0.3, 0.1, -0.05]);
-        input_scale.splice(..2, [0.45, 0.5, 0.45, 0.7, 0.75]);
-        let mut sizes: Vec<usize> = network.layers.iter().map(|layer| layer.outputs).collect();
-        sizes.insert(0, input_mean.len());
-        network.layers = layers(&sizes, network.layers[0].activation, &mut uniform);
-        network
-    };
     let graph = match (surrogate.network(), surrogate.program().graph.instants()) {
-        (Some(network), _) => Graph::from(&encode(&network)),
+        (Some(network), _) => Graph::from(&encoded_network(network, &mut uniform)),
         (None, Some((instants, functions))) => {
-            let networks: Vec<_> =
-                functions.iter().filter_map(Graph::network).map(|network| encode(&network)).collect();
+            let networks = functions.iter().filter_map(Graph::network);
+            let networks: Vec<_> = networks.map(|network| encoded_network(network, &mut uniform)).collect();
             Graph::of_instants(6, 5, instants.to_vec(), &networks)
         }
         (None, None) => panic!("the examples are networks"),
     };
     debug_assert_eq!(Encoder::of(&metadata.inputs).width(), 6);
     Surrogate::new(metadata, graph).expect("the example is valid")
+}
+
+/// A network like this one, of five columns in place of the first two.
+fn encoded_network(mut network: ScaledNetwork, uniform: &mut impl FnMut() -> f32) -> ScaledNetwork {
+    let Scaling { input_mean, input_scale, .. } = &mut network.scaling;
+    input_mean.splice(..2, [0.3, 0.35, 0.3, 0.1, -0.05]);
+    input_scale.splice(..2, [0.45, 0.5, 0.45, 0.7, 0.75]);
+    let mut sizes: Vec<usize> = network.layers.iter().map(|layer| layer.outputs).collect();
+    sizes.insert(0, input_mean.len());
+    network.layers = layers(&sizes, network.layers[0].activation, uniform);
+    network
 }
 
 /// [`surrogate`] with outputs `x` and `y` in metres, and arrays of them: `position` is `[x, y]` and `swapped` `[y, x]`.
@@ -173,12 +187,12 @@ pub fn with_arrays() -> Surrogate {
     for (output, name) in metadata.outputs.iter_mut().zip(["x", "y"]) {
         (output.name, output.unit) = (name.into(), "m".into());
     }
-    let array = |name: &str, outputs: [&str; 2]| OutputArray {
+    let arrays = [("position", ["x", "y"]), ("swapped", ["y", "x"])].map(|(name, outputs)| OutputArray {
         name: name.into(),
         description: format!("example array {name}"),
         outputs: outputs.map(String::from).into(),
-    };
-    metadata.arrays = vec![array("position", ["x", "y"]), array("swapped", ["y", "x"])];
+    });
+    metadata.arrays = arrays.into();
     Surrogate::new(metadata, surrogate.program().clone()).expect("the example is valid")
 }
 
@@ -216,14 +230,8 @@ pub fn integrated(surrogate: &Surrogate, integration: Integration) -> Surrogate 
 /// Van der Pol's oscillator with a force, `xdd = mu (1 - x^2) xd - x + force`, exact unless a network from `(mu, force, x, v)`
 /// is added to the acceleration. `mu` is a parameter; the output is `x`.
 pub fn oscillator(network: Option<ScaledNetwork>) -> Surrogate {
-    let state = |name: &str, unit: &str, rate_unit: &str| State {
-        name: name.into(),
-        unit: unit.into(),
-        rate_unit: rate_unit.into(),
-        description: format!("example state {name}"),
-        range: Some([-4.0, 4.0]),
-        nominal: 2.0,
-    };
+    let states = [("x", "m", "m/s"), ("v", "m/s", "m/s2")]
+        .map(|(name, unit, rate_unit)| State { nominal: 2.0, ..state(name, unit, rate_unit, Some([-4.0, 4.0])) });
     let metadata = Metadata {
         name: "oscillator".into(),
         description: "Van der Pol's oscillator with a force".into(),
@@ -234,13 +242,17 @@ pub fn oscillator(network: Option<ScaledNetwork>) -> Surrogate {
             variable("force", Role::Input, "N", [-1.0, 1.0, 0.0]),
         ],
         outputs: vec![shown("position", "m", 4.0)],
-        states: vec![state("x", "m", "m/s"), state("v", "m/s", "m/s2")],
+        states: states.into(),
         ..surrogate().metadata().clone()
     };
     let plain = Factor::Power { middle: 0.0, half: 1.0 };
-    let term = |exponents: [i16; 4], value: f64| Term { exponents: exponents.to_vec(), coefficients: vec![value] };
     // of mu, force, x, v
-    let terms = [term([1, 0, 0, 1], 1.0), term([1, 0, 2, 1], -1.0), term([0, 0, 1, 0], -1.0), term([0, 1, 0, 0], 1.0)];
+    let terms = [
+        term(&[1, 0, 0, 1], 1, &[(0, 1.0)]),
+        term(&[1, 0, 2, 1], 1, &[(0, -1.0)]),
+        term(&[0, 0, 1, 0], 1, &[(0, -1.0)]),
+        term(&[0, 1, 0, 0], 1, &[(0, 1.0)]),
+    ];
     let dictionary = Dictionary::new(&[plain; 4], 1, &terms).expect("the example is valid");
     let results = [Given::State(0), Given::State(1), Given::Function(0)];
     let graph = Graph::of_rates(&dictionary, network.as_ref().map(Graph::from), 2, &results);
@@ -248,15 +260,17 @@ pub fn oscillator(network: Option<ScaledNetwork>) -> Surrogate {
     Surrogate::new(metadata, Program { graph, clock }).expect("the example is valid")
 }
 
+/// A term with these coefficients by function, of `functions` in number; the others are zero.
+fn term(exponents: &[i16], functions: usize, values: &[(usize, f64)]) -> Term {
+    let mut coefficients = vec![0.0; functions];
+    values.iter().for_each(|(function, value)| coefficients[*function] = *value);
+    Term { exponents: exponents.to_vec(), coefficients }
+}
+
 /// A network for [`oscillator`] with made-up numbers.
 pub fn residual_network() -> ScaledNetwork {
     let mut uniform = uniform_sequence();
-    let mut layer = |inputs: usize, outputs: usize, activation| {
-        let weight: Vec<f32> = (0..inputs * outputs).map(|_| uniform()).collect();
-        let bias: Vec<f32> = (0..outputs).map(|_| uniform()).collect();
-        Layer { inputs, outputs, weight: weight.into(), bias: bias.into(), activation }
-    };
-    let layers = vec![layer(4, 6, Activation::Tanh), layer(6, 1, Activation::Identity)];
+    let layers = vec![layer(4, 6, Activation::Tanh, &mut uniform), layer(6, 1, Activation::Identity, &mut uniform)];
     let scaling = Scaling {
         input_mean: vec![1.0, 0.0, 0.0, 0.0],
         input_scale: vec![0.5, 1.0, 2.0, 2.0],
@@ -335,20 +349,18 @@ pub fn cell() -> Surrogate {
     // of a single past sample the force before the start does not count
     metadata.inputs.remove(2);
     let mut uniform = uniform_sequence();
-    let mut affine = |of: usize, inputs: usize, outputs: usize| {
-        let mut numbers = |count: usize| -> Vec<f64> { (0..count).map(|_| uniform().into()).collect() };
-        Step::Affine { of, weight: numbers(inputs * outputs).into(), bias: numbers(outputs).into() }
-    };
-    let activation = |of: usize, activation| {
-        let function = Elementwise::Activation(activation);
-        Step::Elementwise { of, function, parameters: Vec::new() }
-    };
+    let [gates, candidates] = [affine(0, 5, 3, &mut uniform), affine(0, 5, 3, &mut uniform)];
+    let [sigmoid, tanh] = [(1, Activation::Sigmoid), (3, Activation::Tanh)].map(|(of, activation)| Step::Elementwise {
+        of,
+        function: Elementwise::Activation(activation),
+        parameters: Vec::new(),
+    });
     // of position, hidden, force, mass: gates, candidates, what was there before, and what becomes of them
     let steps = vec![
-        affine(0, 5, 3),
-        activation(1, Activation::Sigmoid),
-        affine(0, 5, 3),
-        activation(3, Activation::Tanh),
+        gates,
+        sigmoid,
+        candidates,
+        tanh,
         Step::Columns { columns: vec![[0, 0], [0, 1], [0, 2]] },
         Step::Combine { of: [5, 4], operation: Operation::Subtract },
         Step::Combine { of: [2, 6], operation: Operation::Multiply },
@@ -360,16 +372,23 @@ pub fn cell() -> Surrogate {
     Surrogate::new(metadata, program).expect("the example is valid")
 }
 
+/// An affine step with numbers of a sequence.
+fn affine(of: usize, inputs: usize, outputs: usize, uniform: &mut impl FnMut() -> f32) -> Step {
+    let weight: Vec<f64> = (0..inputs * outputs).map(|_| uniform().into()).collect();
+    let bias: Vec<f64> = (0..outputs).map(|_| uniform().into()).collect();
+    Step::Affine { of, weight: weight.into(), bias: bias.into() }
+}
+
 /// [`oscillator`] by a graph.
 pub fn oscillator_by_graph() -> Surrogate {
     let oscillator = oscillator(None);
-    let columns = |columns: &[u32]| Step::Columns { columns: columns.iter().map(|column| [0, *column]).collect() };
+    let [mu, x, v] = [0, 2, 3].map(|column| Step::Columns { columns: vec![[0, column]] });
     let steps = vec![
-        columns(&[2]),
+        x,
         Step::Combine { of: [1, 1], operation: Operation::Multiply },
         Step::Elementwise { of: 2, function: Elementwise::Linear, parameters: vec![-1.0, 1.0] },
-        columns(&[0]),
-        columns(&[3]),
+        mu,
+        v,
         Step::Combine { of: [4, 5], operation: Operation::Multiply },
         Step::Combine { of: [3, 6], operation: Operation::Multiply },
         Step::Affine { of: 0, weight: vec![0.0, 1.0, -1.0, 0.0].into(), bias: vec![0.0].into() },

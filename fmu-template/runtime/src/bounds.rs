@@ -26,15 +26,21 @@ impl Bounds {
     /// # Panics
     /// If there is no such output.
     pub fn at(&self, output: usize, elapsed: f64) -> f64 {
-        let outputs = self.half_widths.len() / self.times.len().max(1);
-        let width = |knot: usize| self.half_widths[knot * outputs..][..outputs][output];
         // the first time is zero, which a time before the start counts as
         let next = self.times.partition_point(|&time| time <= elapsed).max(1);
         if next >= self.times.len() {
-            return width(self.times.len().saturating_sub(1));
+            return self.half_width(output, self.times.len().saturating_sub(1));
         }
         let share = (elapsed - self.times[next - 1]) / (self.times[next] - self.times[next - 1]);
-        width(next - 1) + share.max(0.0) * (width(next) - width(next - 1))
+        let (before, after) = (self.half_width(output, next - 1), self.half_width(output, next));
+        before + share.max(0.0) * (after - before)
+    }
+
+    /// Half width for an output at one of the times.
+    #[inline]
+    fn half_width(&self, output: usize, time: usize) -> f64 {
+        let outputs = self.half_widths.len() / self.times.len().max(1);
+        self.half_widths[time * outputs..][..outputs][output]
     }
 
     /// Derivative of a bound with respect to that time, of the part that follows. Does not allocate.

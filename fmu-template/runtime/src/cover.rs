@@ -28,8 +28,8 @@ impl Cover {
     /// [`FormatError::Cover`]
     pub(crate) fn check(&self, inputs: &[Input]) -> Result<(), FormatError> {
         let Self { columns, radius, centres } = self;
-        let counts = |column: &u32| inputs.get(*column as usize).is_some_and(Self::counts);
-        let problem = if columns.is_empty() || !columns.is_sorted_by(|a, b| a < b) || !columns.iter().all(counts) {
+        let all_count = columns.iter().all(|column| inputs.get(*column as usize).is_some_and(Self::counts));
+        let problem = if columns.is_empty() || !columns.is_sorted_by(|a, b| a < b) || !all_count {
             "columns are inputs that are no constants, in order"
         } else if !(radius.is_finite() && *radius > 0.0) {
             "the radius is a positive number"
@@ -71,15 +71,11 @@ pub(crate) struct Nearest {
 
 impl Cubes {
     pub fn new(cover: &Cover, inputs: &[Input]) -> Self {
-        let column = |&input: &u32| {
+        let columns = cover.columns.iter().map(|&input| {
             let Input { min, max, .. } = inputs[input as usize];
             CubeAxis { input: input as usize, min, width: max - min }
-        };
-        Self {
-            columns: cover.columns.iter().map(column).collect(),
-            radius: cover.radius,
-            centres: cover.centres.clone(),
-        }
+        });
+        Self { columns: columns.collect(), radius: cover.radius, centres: cover.centres.clone() }
     }
 
     /// The cube that a point is in, up to a tolerance, or the nearest one. A simulation stays near one centre for a while, so the search

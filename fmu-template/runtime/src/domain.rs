@@ -50,6 +50,23 @@ enum Valid {
     },
 }
 
+impl Valid {
+    const EVERYWHERE: Self = Self::Range(Range::EVERYWHERE);
+
+    fn of_input(input: &Input) -> Self {
+        match &input.encoding {
+            _ if input.role == Role::Start => Self::EVERYWHERE,
+            Encoding::Plain => Self::Range(Range::new(input.min, input.max)),
+            Encoding::Nominal(values) => Self::Values { values: values.clone(), scale: input.max - input.min },
+            Encoding::Periodic => Self::EVERYWHERE,
+        }
+    }
+
+    fn of_state(state: &State) -> Self {
+        state.range.map_or(Self::EVERYWHERE, |[min, max]| Self::Range(Range::new(min, max)))
+    }
+}
+
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Range {
     min: f64,
@@ -90,19 +107,8 @@ impl Domain {
     /// The ranges of these inputs and, after them, of these states. The value of a state at the start has none, as the state has one;
     /// neither have columns after them, which are what a discrete-time model remembers.
     pub fn new(inputs: &[Input], states: &[State]) -> Self {
-        let everywhere = || Valid::Range(Range::EVERYWHERE);
-        let of_state = |state: &State| match state.range {
-            Some([min, max]) => Valid::Range(Range::new(min, max)),
-            None => everywhere(),
-        };
-        let valid = |input: &Input| match &input.encoding {
-            _ if input.role == Role::Start => everywhere(),
-            Encoding::Plain => Valid::Range(Range::new(input.min, input.max)),
-            Encoding::Nominal(values) => Valid::Values { values: values.clone(), scale: input.max - input.min },
-            Encoding::Periodic => everywhere(),
-        };
         Self {
-            inputs: inputs.iter().map(valid).chain(states.iter().map(of_state)).collect(),
+            inputs: inputs.iter().map(Valid::of_input).chain(states.iter().map(Valid::of_state)).collect(),
             data: None,
             distance: None,
         }
@@ -150,9 +156,15 @@ impl Domain {
         if inputs.iter().any(|value| value.is_nan()) {
             return f64::INFINITY;
         }
-        let distance = |(input, &value): (usize, &f64)| self.range(input, value).distance(value);
         let of_data = self.far(inputs, guess).map_or(0.0, |nearest| nearest.distance).max(self.own_distance(inputs));
-        inputs.iter().enumerate().map(distance).fold(of_data, f64::max).min(f64::MAX)
+        let of_columns = inputs.iter().enumerate().map(|(column, value)| self.column_distance(column, *value));
+        of_columns.fold(of_data, f64::max).min(f64::MAX)
+    }
+
+    /// Distance of a value from the range of its column.
+    #[inline]
+    fn column_distance(&self, column: usize, value: f64) -> f64 {
+        self.range(column, value).distance(value)
     }
 
     /// The data that are nearest to a point, if it is not among them.
@@ -210,9 +222,11 @@ impl Domain {
     /// The only derivative of [`Domain::distance`] that is not zero: its column and value. None inside the domain, and where
     /// earlier samples determine the distance.
     pub fn distance_derivative(&self, inputs: &[f64]) -> Option<(usize, f64)> {
-        let distance = |&(column, value): &(usize, &f64)| self.range(column, *value).distance(*value);
-        let (column, value) = inputs.iter().enumerate().max_by(|a, b| distance(a).total_cmp(&distance(b)))?;
-        let farthest = distance(&(column, value));
+        let (column, value) = inputs
+            .iter()
+            .enumerate()
+            .max_by(|a, b| self.column_distance(a.0, *a.1).total_cmp(&self.column_distance(b.0, *b.1)))?;
+        let farthest = self.column_distance(column, *value);
         if self.own_distance(inputs) > farthest {
             return None;
         }

@@ -82,12 +82,12 @@ impl Encoder {
     /// For inputs with these encodings and ranges (`min`, `max`).
     pub fn new<'a>(inputs: impl Iterator<Item = (&'a Encoding, f64, f64)> + Clone) -> Self {
         let width = inputs.clone().map(|(encoding, ..)| encoding.width()).sum();
-        let encoded = |(encoding, min, max): (&Encoding, f64, f64)| match encoding {
+        let inputs = inputs.map(|(encoding, min, max)| match encoding {
             Encoding::Plain => Encoded::Plain,
             Encoding::Nominal(values) => Encoded::Nominal(values.clone()),
             Encoding::Periodic => Encoded::Periodic { min, period: max - min },
-        };
-        Self { inputs: inputs.map(encoded).collect(), width }
+        });
+        Self { inputs: inputs.collect(), width }
     }
 
     /// For the inputs of a surrogate.

@@ -378,3 +378,10 @@ pub enum FormatError {
         found: f64,
     },
 }
+
+impl FormatError {
+    /// The error as one about the network of an instant.
+    pub(crate) fn of_instant(self, instant: usize) -> Self {
+        Self::OfInstant { instant, source: Box::new(self) }
+    }
+}

@@ -130,13 +130,10 @@ impl ScaledNetwork {
     /// Sets the weights of some inputs to zero. Without effect on the outputs where these inputs are at their means.
     pub fn clear_inputs(&mut self, inputs: &[usize]) {
         let Some(layer) = self.layers.first_mut() else { return };
-        let is_cleared = |index: usize| inputs.contains(&(index % layer.inputs));
-        match &mut layer.weight {
-            Numbers::Single(values) => {
-                values.iter_mut().enumerate().filter(|(index, _)| is_cleared(*index)).for_each(|(_, w)| *w = 0.0)
-            }
-            Numbers::Double(values) => {
-                values.iter_mut().enumerate().filter(|(index, _)| is_cleared(*index)).for_each(|(_, w)| *w = 0.0)
+        for &input in inputs.iter().filter(|input| **input < layer.inputs) {
+            match &mut layer.weight {
+                Numbers::Single(values) => values.iter_mut().skip(input).step_by(layer.inputs).for_each(|w| *w = 0.0),
+                Numbers::Double(values) => values.iter_mut().skip(input).step_by(layer.inputs).for_each(|w| *w = 0.0),
             }
         }
     }

@@ -282,24 +282,23 @@ fn array_columns(metadata: &Metadata) -> Result<Vec<Vec<usize>>, FormatError> {
 }
 
 fn columns_of(array: &OutputArray, outputs: &[Output], positions: &PositionByName) -> Result<Vec<usize>, FormatError> {
-    let name = || array.name.clone();
     if array.outputs.len() < 2 {
-        return Err(FormatError::ShortArray { array: name(), count: array.outputs.len() });
+        return Err(FormatError::ShortArray { array: array.name.clone(), count: array.outputs.len() });
     }
     let mut columns = Vec::with_capacity(array.outputs.len());
     let mut is_used = vec![false; outputs.len()];
     for output in &array.outputs {
         let Some(&column) = positions.get(output.as_str()) else {
-            return Err(FormatError::UnknownElement { array: name(), output: output.clone() });
+            return Err(FormatError::UnknownElement { array: array.name.clone(), output: output.clone() });
         };
         if mem::replace(&mut is_used[column], true) {
-            return Err(FormatError::DuplicateElement { array: name(), output: output.clone() });
+            return Err(FormatError::DuplicateElement { array: array.name.clone(), output: output.clone() });
         }
         columns.push(column);
         let (found, expected) = (&outputs[column].unit, &outputs[columns[0]].unit);
         if found != expected {
             let (output, found, expected) = (output.clone(), found.clone(), expected.clone());
-            return Err(FormatError::ElementUnit { array: name(), output, found, expected });
+            return Err(FormatError::ElementUnit { array: array.name.clone(), output, found, expected });
         }
     }
     Ok(columns)

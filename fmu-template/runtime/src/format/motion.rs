@@ -16,7 +16,6 @@ impl Motion {
     /// Tensors whose names begin with this.
     pub(crate) fn tensors(&self, prefix: &str) -> Vec<Tensor> {
         let Self { dynamics, positions, windings, reactions, actuator_states, outputs } = self;
-        let name = |what: &str| joined([prefix, what]);
         let shown: Vec<u32> = outputs
             .iter()
             .flat_map(|shown| match *shown {
@@ -31,13 +30,19 @@ impl Motion {
             .collect();
         let mut tensors = vec![
             columns(prefix, dynamics.function_set().dictionary()),
-            double(&name("positions.windings"), &[positions.dictionary().outputs(), dynamics.coordinates()], windings),
-            (name("outputs.shown"), Dtype::U32, vec![outputs.len(), 2], bytes(&shown, u32::to_le_bytes)),
+            double(
+                &joined([prefix, "positions.windings"]),
+                &[positions.dictionary().outputs(), dynamics.coordinates()],
+                windings,
+            ),
+            (joined([prefix, "outputs.shown"]), Dtype::U32, vec![outputs.len(), 2], bytes(&shown, u32::to_le_bytes)),
         ];
         tensors.extend(of_splines(prefix, dynamics.function_set().dictionary()));
         for (what, function_set) in [("functions.", dynamics.function_set()), ("positions.", positions)] {
-            tensors.extend(of_dictionary(&name(what), function_set.dictionary()));
-            tensors.extend(function_set.network().into_iter().flat_map(|network| of_network(&name(what), network)));
+            tensors.extend(of_dictionary(&joined([prefix, what]), function_set.dictionary()));
+            tensors.extend(
+                function_set.network().into_iter().flat_map(|network| of_network(&joined([prefix, what]), network)),
+            );
         }
         tensors.extend(of_efforts(prefix, dynamics.efforts()));
         let prescribed =
@@ -45,32 +50,40 @@ impl Motion {
         let prescribed: Vec<u32> = prescribed.collect();
         if !prescribed.is_empty() {
             let content = bytes(&prescribed, u32::to_le_bytes);
-            tensors.push((name("functions.prescribed"), Dtype::U32, vec![prescribed.len()], content));
+            tensors.push((joined([prefix, "functions.prescribed"]), Dtype::U32, vec![prescribed.len()], content));
         }
         if *actuator_states > 0 {
             let content = bytes(&[*actuator_states as u32], u32::to_le_bytes);
-            tensors.push((name("states.actuators"), Dtype::U32, vec![1], content));
+            tensors.push((joined([prefix, "states.actuators"]), Dtype::U32, vec![1], content));
         }
-        tensors.extend(dynamics.forces().into_iter().flat_map(|network| of_network(&name("forces."), network)));
-        tensors
-            .extend(reactions.iter().flat_map(|reactions| of_dictionary(&name("reactions."), reactions.functions())));
+        tensors.extend(
+            dynamics.forces().into_iter().flat_map(|network| of_network(&joined([prefix, "forces."]), network)),
+        );
+        tensors.extend(
+            reactions
+                .iter()
+                .flat_map(|reactions| of_dictionary(&joined([prefix, "reactions."]), reactions.functions())),
+        );
         tensors
     }
 
     pub(crate) fn read(tensors: &mut Views, prefix: &str) -> Result<Self, FormatError> {
-        let name = |what: &str| joined([prefix, what]);
         let factors = factors(tensors, prefix)?;
         let splines = splines(tensors, prefix)?;
         let factors = (&factors[..], &splines[..]);
-        let (windings, winding_shape) = doubles(tensors, &name("positions.windings"), 2)?;
-        let function_set = function_set(tensors, &name("functions."), factors)?;
-        let positions = self::function_set(tensors, &name("positions."), factors)?;
-        let forces = network(tensors, &name("forces."))?;
+        let (windings, winding_shape) = doubles(tensors, &joined([prefix, "positions.windings"]), 2)?;
+        let function_set = function_set(tensors, &joined([prefix, "functions."]), factors)?;
+        let positions = self::function_set(tensors, &joined([prefix, "positions."]), factors)?;
+        let forces = network(tensors, &joined([prefix, "forces."]))?;
         let coordinates = winding_shape[1];
         let efforts = efforts(tensors, prefix, factors.0.len().saturating_sub(coordinates), coordinates)?;
         let count = efforts.count();
-        expect_shape(name("positions.windings"), &winding_shape, &[positions.dictionary().outputs(), coordinates])?;
-        let shown = whole_rows(tensors, &name("outputs.shown"))?;
+        expect_shape(
+            joined([prefix, "positions.windings"]),
+            &winding_shape,
+            &[positions.dictionary().outputs(), coordinates],
+        )?;
+        let shown = whole_rows(tensors, &joined([prefix, "outputs.shown"]))?;
         let mut outputs = Vec::with_capacity(shown.len());
         for (index, &[kind, position]) in shown.iter().enumerate() {
             let position = position as usize;
@@ -82,11 +95,17 @@ impl Motion {
                 4 => Shown::PotentialEnergy,
                 5 => Shown::Reaction(position),
                 6 => Shown::Effort(position),
-                found => return Err(FormatError::Unknown { name: name("outputs.shown"), index: 2 * index, found }),
+                found => {
+                    return Err(FormatError::Unknown {
+                        name: joined([prefix, "outputs.shown"]),
+                        index: 2 * index,
+                        found,
+                    });
+                }
             });
         }
         let [actuator_states, prescribed] = ["states.actuators", "functions.prescribed"].map(|what| {
-            let name = name(what);
+            let name = joined([prefix, what]);
             // empty tensors are omitted
             let numbers = match tensors.contain(&name) {
                 true => elements(take(tensors, &name, Dtype::U32, 1)?.data, u32::from_le_bytes),
@@ -97,7 +116,7 @@ impl Motion {
         let (actuator_states, prescribed) = (actuator_states?.first().copied().unwrap_or(0), prescribed?);
         let dynamics =
             Dynamics::with_efforts(efforts, function_set)?.with_forces(forces)?.with_prescribed(&prescribed)?;
-        let of_reactions = name("reactions.");
+        let of_reactions = joined([prefix, "reactions."]);
         let has_reactions = tensors.contain_any(&of_reactions);
         let reactions = has_reactions.then(|| dictionary(tensors, &of_reactions, factors)).transpose()?;
         let reactions = reactions.map(|functions| Reactions::new(coordinates, count, functions)).transpose()?;
@@ -107,7 +126,6 @@ impl Motion {
 
 /// Formulas of efforts, and what their columns are.
 fn of_efforts(prefix: &str, efforts: &Efforts) -> Vec<Tensor> {
-    let name = |what: &str| joined([prefix, "efforts.", what]);
     let (mut steps, mut constants) = (Vec::new(), Vec::new());
     let tables = efforts.tables();
     for step in efforts.formulas().iter().flat_map(Formula::steps) {
@@ -125,17 +143,14 @@ fn of_efforts(prefix: &str, efforts: &Efforts) -> Vec<Tensor> {
             FormulaStep::Combine(combination) => [FIRST_COMBINATION + *combination as u32, 0],
         });
     }
-    let whole = |what: &str, shape: Vec<usize>, values: &[u32]| -> Tensor {
-        (name(what), Dtype::U32, shape, bytes(values, u32::to_le_bytes))
-    };
     let [_, inputs, coordinates] = efforts.counts();
     let mut tensors = vec![
-        whole("inputs", vec![1], &[inputs as u32]),
-        double(&name("windings"), &[efforts.positions(), coordinates], efforts.windings()),
-        whole("steps", vec![steps.len() / 2, 2], &steps),
-        double(&name("constants"), &[constants.len()], &constants),
+        whole(&joined([prefix, "efforts.inputs"]), &[1], &[inputs as u32]),
+        double(&joined([prefix, "efforts.windings"]), &[efforts.positions(), coordinates], efforts.windings()),
+        whole(&joined([prefix, "efforts.steps"]), &[steps.len() / 2, 2], &steps),
+        double(&joined([prefix, "efforts.constants"]), &[constants.len()], &constants),
     ];
-    tensors.extend(of_tables(&name("tables"), tables.into_iter()));
+    tensors.extend(of_tables(&joined([prefix, "efforts.tables"]), tables.into_iter()));
     tensors
 }
 
@@ -143,13 +158,14 @@ fn of_efforts(prefix: &str, efforts: &Efforts) -> Vec<Tensor> {
 fn of_tables<'a>(prefix: &str, tables: impl Iterator<Item = &'a Arc<LookupTable>>) -> Vec<Tensor> {
     let mut tensors = Vec::new();
     for (index, table) in tables.enumerate() {
-        let name = |what: &str| format!("{prefix}.{index}.{what}");
+        let prefix = format!("{prefix}.{index}.");
         let shape: Vec<usize> = table.axes().iter().map(Vec::len).collect();
         let kinds = [table.interpolation() as u32, table.extrapolation() as u32];
-        let axes = AXES.iter().zip(table.axes()).map(|(axis, knots)| double(&name(axis), &[knots.len()], knots));
+        let axes =
+            AXES.iter().zip(table.axes()).map(|(axis, knots)| double(&joined([&prefix, axis]), &[knots.len()], knots));
         tensors.extend(axes);
-        tensors.push(double(&name("values"), &shape, table.values()));
-        tensors.push((name("kinds"), Dtype::U32, vec![2], bytes(&kinds, u32::to_le_bytes)));
+        tensors.push(double(&joined([&prefix, "values"]), &shape, table.values()));
+        tensors.push(whole(&joined([&prefix, "kinds"]), &[2], &kinds));
     }
     tensors
 }
@@ -165,37 +181,41 @@ const AXES: [&str; 2] = ["x", "y"];
 fn lookup_tables(tensors: &mut Views, prefix: &str) -> Result<Vec<Arc<LookupTable>>, FormatError> {
     let mut tables = Vec::new();
     loop {
-        let number = tables.len().to_string();
-        let name = |what: &str| joined([prefix, ".", &number, ".", what]);
-        if !tensors.contain(&name("values")) {
+        let prefix = joined([prefix, ".", &tables.len().to_string(), "."]);
+        let (values_name, kinds_name) = (joined([&prefix, "values"]), joined([&prefix, "kinds"]));
+        if !tensors.contain(&values_name) {
             return Ok(tables);
         }
         let mut axes = Vec::new();
-        for axis in AXES.map(name) {
+        for axis in AXES.map(|axis| joined([&prefix, axis])) {
             if tensors.contain(&axis) {
                 axes.push(doubles(tensors, &axis, 1)?.0);
             }
         }
-        let (values, shape) = doubles(tensors, &name("values"), axes.len())?;
-        expect_shape(name("values"), &shape, &axes.iter().map(Vec::len).collect::<Vec<_>>())?;
-        let kinds = counts(tensors, &name("kinds"), 2)?;
-        let unknown = |index: usize| FormatError::Unknown { name: name("kinds"), index, found: kinds[index] };
-        let interpolation = Interpolation::ALL.get(kinds[0] as usize).ok_or_else(|| unknown(0))?;
-        let extrapolation = Extrapolation::ALL.get(kinds[1] as usize).ok_or_else(|| unknown(1))?;
-        tables.push(Arc::new(LookupTable::new(axes, values, *interpolation, *extrapolation)?));
+        let (values, shape) = doubles(tensors, &values_name, axes.len())?;
+        expect_shape(&values_name, &shape, &axes.iter().map(Vec::len).collect::<Vec<_>>())?;
+        let kinds = counts(tensors, &kinds_name, 2)?;
+        let interpolation = listed(&Interpolation::ALL, &kinds_name, 0, kinds[0])?;
+        let extrapolation = listed(&Extrapolation::ALL, &kinds_name, 1, kinds[1])?;
+        tables.push(Arc::new(LookupTable::new(axes, values, interpolation, extrapolation)?));
     }
+}
+
+/// The item of a list with a number that stands at an index of a tensor.
+fn listed<T: Copy>(list: &[T], name: &str, index: usize, number: u32) -> Result<T, FormatError> {
+    let item = list.get(number as usize).copied();
+    item.ok_or_else(|| FormatError::Unknown { name: name.into(), index, found: number })
 }
 
 /// The inverse of [`of_efforts`].
 #[inline(never)]
 fn efforts(tensors: &mut Views, prefix: &str, parameters: usize, coordinates: usize) -> Result<Efforts, FormatError> {
-    let name = |what: &str| joined([prefix, "efforts.", what]);
-    let inputs = counts(tensors, &name("inputs"), 1)?[0] as usize;
-    let (windings, shape) = doubles(tensors, &name("windings"), 2)?;
-    expect_shape(name("windings"), &shape[1..], &[coordinates])?;
-    let (constants, _) = doubles(tensors, &name("constants"), 1)?;
-    let tables = lookup_tables(tensors, &name("tables"))?;
-    let steps = whole_rows(tensors, &name("steps"))?;
+    let inputs = counts(tensors, &joined([prefix, "efforts.inputs"]), 1)?[0] as usize;
+    let (windings, shape) = doubles(tensors, &joined([prefix, "efforts.windings"]), 2)?;
+    expect_shape(joined([prefix, "efforts.windings"]), &shape[1..], &[coordinates])?;
+    let (constants, _) = doubles(tensors, &joined([prefix, "efforts.constants"]), 1)?;
+    let tables = lookup_tables(tensors, &joined([prefix, "efforts.tables"]))?;
+    let steps = whole_rows(tensors, &joined([prefix, "efforts.steps"]))?;
     let mut known_steps = Vec::with_capacity(steps.len());
     for (index, &[kind, argument]) in steps.iter().enumerate() {
         let at = argument as usize;
@@ -209,7 +229,7 @@ fn efforts(tensors: &mut Views, prefix: &str, parameters: usize, coordinates: us
         };
         let Some(known) = known else {
             let is_argument = kind <= 2 || kind == 4;
-            let (name, found) = (name("steps"), if is_argument { argument } else { kind });
+            let (name, found) = (joined([prefix, "efforts.steps"]), if is_argument { argument } else { kind });
             return Err(FormatError::Unknown { name, index: 2 * index + usize::from(is_argument), found });
         };
         known_steps.push(known);
@@ -220,15 +240,15 @@ fn efforts(tensors: &mut Views, prefix: &str, parameters: usize, coordinates: us
 
 /// A network that adds to functions: its tensors, and what its columns and outputs are.
 fn of_network(prefix: &str, term: &NetworkTerm) -> Vec<Tensor> {
-    let whole = |what: &str, shape: &[usize], values: &[u32]| -> Tensor {
-        (format!("{prefix}network.{what}"), Dtype::U32, shape.into(), bytes(values, u32::to_le_bytes))
-    };
-    let kind = |kind: ColumnKind| KINDS.iter().position(|known| *known == kind).unwrap_or(0) as u32;
-    let columns: Vec<u32> = term.columns().iter().flat_map(|column| [column.of as u32, kind(column.kind)]).collect();
+    let columns = term.columns().iter().flat_map(|column| {
+        let kind = KINDS.iter().position(|known| *known == column.kind).unwrap_or(0);
+        [column.of as u32, kind as u32]
+    });
+    let columns: Vec<u32> = columns.collect();
     let outputs: Vec<u32> = term.outputs().iter().map(|output| *output as u32).collect();
     let mut tensors = Graph::from(term.network()).tensors(&format!("{prefix}network.graph."));
-    tensors.push(whole("columns", &[columns.len() / 2, 2], &columns));
-    tensors.push(whole("outputs", &[outputs.len()], &outputs));
+    tensors.push(whole(&joined([prefix, "network.columns"]), &[columns.len() / 2, 2], &columns));
+    tensors.push(whole(&joined([prefix, "network.outputs"]), &[outputs.len()], &outputs));
     tensors
 }
 
@@ -238,23 +258,22 @@ const KINDS: [ColumnKind; 3] = [ColumnKind::Plain, ColumnKind::Sine, ColumnKind:
 /// The inverse of [`of_network`]; none if there are no such tensors.
 #[inline(never)]
 fn network(tensors: &mut Views, prefix: &str) -> Result<Option<NetworkTerm>, FormatError> {
-    let name = |what: &str| joined([prefix, "network.", what]);
-    let columns_name = name("columns");
+    let columns_name = joined([prefix, "network.columns"]);
     if !tensors.contain(&columns_name) {
         return Ok(None);
     }
     let columns = whole_rows(tensors, &columns_name)?;
-    let columns = columns.iter().enumerate().map(|(index, &[of, found])| {
-        let unknown = || FormatError::Unknown { name: columns_name.clone(), index: 2 * index + 1, found };
-        let kind = KINDS.get(found as usize).ok_or_else(unknown)?;
-        Ok(NetworkColumn { of: of as usize, kind: *kind })
+    let columns = columns.iter().enumerate().map(|(index, &[of, kind])| {
+        let kind = listed(&KINDS, &columns_name, 2 * index + 1, kind)?;
+        Ok(NetworkColumn { of: of as usize, kind })
     });
     let columns = columns.collect::<Result<Vec<_>, FormatError>>()?;
-    let outputs = elements(take(tensors, &name("outputs"), Dtype::U32, 1)?.data, u32::from_le_bytes);
+    let outputs =
+        elements(take(tensors, &joined([prefix, "network.outputs"]), Dtype::U32, 1)?.data, u32::from_le_bytes);
     let outputs = outputs.into_iter().map(|output| output as usize).collect();
-    let graph = Graph::read(tensors, &name("graph."), true)?;
+    let graph = Graph::read(tensors, &joined([prefix, "network.graph."]), true)?;
     graph.widths()?;
-    let network = graph.network().ok_or_else(|| FormatError::NoNetwork { name: name("graph") })?;
+    let network = graph.network().ok_or_else(|| FormatError::NoNetwork { name: joined([prefix, "network.graph"]) })?;
     NetworkTerm::new(columns, outputs, network).map(Some)
 }
 
@@ -263,6 +282,10 @@ type KnownFactors<'a> = (&'a [Factor], &'a [SplineFactor]);
 
 fn function_set(tensors: &mut Views, prefix: &str, factors: KnownFactors) -> Result<FunctionSet, FormatError> {
     FunctionSet::new(dictionary(tensors, prefix, factors)?, network(tensors, prefix)?)
+}
+
+fn whole(name: &str, shape: &[usize], values: &[u32]) -> Tensor {
+    (name.into(), Dtype::U32, shape.into(), bytes(values, u32::to_le_bytes))
 }
 
 pub(super) fn double(name: &str, shape: &[usize], values: &[f64]) -> Tensor {
@@ -283,11 +306,11 @@ impl Dictionary {
 
 /// Tensor of the columns of a dictionary.
 fn columns(prefix: &str, dictionary: &Dictionary) -> Tensor {
-    let pair = |factor| match factor {
+    let pairs = dictionary.factors().flat_map(|factor| match factor {
         Factor::Angle => [0.0, 0.0],
         Factor::Power { middle, half } => [middle, half],
-    };
-    let pairs: Vec<f64> = dictionary.factors().flat_map(pair).collect();
+    });
+    let pairs: Vec<f64> = pairs.collect();
     double(&format!("{prefix}columns"), &[pairs.len() / 2, 2], &pairs)
 }
 
@@ -314,8 +337,8 @@ fn splines(tensors: &mut Views, prefix: &str) -> Result<Vec<SplineFactor>, Forma
     let columns = elements(take(tensors, &name, Dtype::U32, 1)?.data, u32::from_le_bytes);
     let tables = lookup_tables(tensors, &joined([prefix, "splines"]))?;
     expect_shape(&name, &[columns.len()], &[tables.len()])?;
-    let spline = |(column, table)| SplineFactor { column: column as usize, table };
-    Ok(columns.into_iter().zip(tables).map(spline).collect())
+    let splines = columns.into_iter().zip(tables);
+    Ok(splines.map(|(column, table)| SplineFactor { column: column as usize, table }).collect())
 }
 
 fn of_dictionary(prefix: &str, dictionary: &Dictionary) -> [Tensor; 2] {
@@ -372,12 +395,12 @@ fn factors(tensors: &mut Views, prefix: &str) -> Result<Vec<Factor>, FormatError
     let name = joined([prefix, "columns"]);
     let (columns, shape) = doubles(tensors, &name, 2)?;
     expect_shape(&name, &shape[1..], &[2])?;
-    let factor = |pair: &[f64; 2]| match *pair {
+    let factors = columns.as_chunks::<2>().0.iter().map(|pair| match *pair {
         // a half of zero is refused by the dictionary
         [middle, half] if pair.map(f64::to_bits) != [0; 2] => Factor::Power { middle, half },
         _ => Factor::Angle,
-    };
-    Ok(columns.as_chunks::<2>().0.iter().map(factor).collect())
+    });
+    Ok(factors.collect())
 }
 
 #[inline(never)]
@@ -391,7 +414,7 @@ fn dictionary(tensors: &mut Views, prefix: &str, factors: KnownFactors) -> Resul
     let functions = view.shape[1];
     let coefficients = elements(view.data, f64::from_le_bytes);
     // chunks of no length are not allowed
-    let rows = |index: usize, width: usize| index * width..(index + 1) * width;
-    let term = |index| (&exponents[rows(index, width)], &coefficients[rows(index, functions)]);
-    Dictionary::from_rows(factors, functions, (0..shape[0]).map(term))
+    let rows = (0..shape[0])
+        .map(|index| (&exponents[index * width..][..width], &coefficients[index * functions..][..functions]));
+    Dictionary::from_rows(factors, functions, rows)
 }

@@ -29,11 +29,9 @@ pub struct StateObserver {
     pub measured: Option<Vec<[f64; 2]>>,
 }
 
-/// Step that clips each number to a range, which may be infinite.
-fn clip(of: usize, ranges: &[[f64; 2]]) -> Step {
-    // parameters of a graph are finite
-    let end = |end: usize| ranges.iter().map(move |range| range[end].clamp(f64::MIN, f64::MAX));
-    Step::Elementwise { of, function: Elementwise::Clip, parameters: end(0).chain(end(1)).collect() }
+/// Step that takes some of the numbers of a value.
+fn picked(of: usize, places: Range<usize>) -> Step {
+    Step::Columns { columns: places.map(|place| [of as u32, place as u32]).collect() }
 }
 
 impl Graph {
@@ -46,11 +44,11 @@ impl Graph {
             None => graph.add(Step::Dictionary { of: 0, dictionary: dictionary.clone() }),
             Some(function) => graph.add_functions(dictionary, function),
         };
-        let column = |given: &Given| match *given {
+        let columns = results.iter().map(|given| match *given {
             Given::State(state) => [0, (inputs - states + state) as u32],
             Given::Function(function) => [functions as u32, function as u32],
-        };
-        graph.add(Step::Columns { columns: results.iter().map(column).collect() });
+        });
+        graph.add(Step::Columns { columns: columns.collect() });
         graph
     }
 
@@ -111,10 +109,7 @@ impl Graph {
     /// Clips each output to a range, if there are ranges.
     #[must_use]
     pub fn limited(mut self, ranges: Option<Vec<[f64; 2]>>) -> Self {
-        if let Some(ranges) = ranges {
-            let of = self.steps.len();
-            self.add(clip(of, &ranges));
-        }
+        self.add_clip(self.steps.len(), ranges.as_deref());
         self
     }
 
@@ -136,19 +131,13 @@ impl Graph {
         function: Option<Graph>,
     ) -> Self {
         let mut graph = Self { inputs: columns + outputs + 1, steps: Vec::new() };
-        let picked =
-            |of: u32, places: Range<usize>| Step::Columns { columns: places.map(|place| [of, place as u32]).collect() };
-        let sensor = |graph: &mut Self, of: usize| match &measured {
-            Some(ranges) => graph.add(clip(of, ranges)),
-            None => of,
-        };
         let begun = outputs + states;
         let other = begun + 1..columns + outputs + 1;
         let given = graph.add(picked(0, 0..outputs));
         let own = (outputs..begun).chain(other).map(|place| [0, place as u32]).collect();
         let own = graph.add(Step::Columns { columns: own });
         let predicted = graph.add(picked(0, outputs..2 * outputs));
-        let predicted = sensor(&mut graph, predicted);
+        let predicted = graph.add_clip(predicted, measured.as_deref());
         let begun = graph.add(Step::Columns { columns: vec![[0, begun as u32]; outputs] });
         let errors = graph.add(Step::Combine { of: [given, predicted], operation: Operation::Subtract });
         let errors = graph.add(Step::Combine { of: [begun, errors], operation: Operation::Multiply });
@@ -157,7 +146,7 @@ impl Graph {
         let first = graph.add(Step::Combine { of: [first, given], operation: Operation::Multiply });
         let both = [errors, first].into_iter().flat_map(|of| (0..outputs).map(move |place| [of as u32, place as u32]));
         let both = graph.add(Step::Columns { columns: both.collect() });
-        let element = |place: usize| {
+        let weight = (0..columns * 2 * outputs).map(|place| {
             let (row, column) = (place / (2 * outputs), place % (2 * outputs));
             let (of, column) = match column.checked_sub(outputs) {
                 None => (&gain, column),
@@ -165,22 +154,28 @@ impl Graph {
             };
             // columns after the states are not corrected
             of.get(row * outputs + column).copied().unwrap_or(0.0)
-        };
-        let weight: Vec<f64> = (0..columns * 2 * outputs).map(element).collect();
+        });
+        let weight: Vec<f64> = weight.collect();
         let corrections = graph.add(Step::Affine { of: both, weight: weight.into(), bias: vec![0.0; columns].into() });
         let corrected = graph.add(Step::Combine { of: [own, corrections], operation: Operation::Add });
         let next = graph.add_sample(corrected, columns, linear, function);
-        let next = match stops {
-            Some(ranges) => graph.add(clip(next, &ranges)),
-            None => next,
-        };
+        let next = graph.add_clip(next, stops.as_deref());
         let one = graph.add(Step::Affine { of: next, weight: vec![0.0; states].into(), bias: vec![1.0].into() });
-        let found = graph.add(picked(next as u32, 0..outputs));
-        let found = sensor(&mut graph, found);
-        let places = [(found, outputs), (next, states), (one, 1)];
-        let of = |(of, count): (usize, usize)| (0..count).map(move |place| [of as u32, place as u32]);
-        graph.add(Step::Columns { columns: places.into_iter().flat_map(of).collect() });
+        let shown = graph.add(picked(next, 0..outputs));
+        let shown = graph.add_clip(shown, measured.as_deref());
+        let results = [(shown, outputs), (next, states), (one, 1)];
+        let places = results.into_iter().flat_map(|(of, count)| (0..count).map(move |place| [of as u32, place as u32]));
+        graph.add(Step::Columns { columns: places.collect() });
         graph
+    }
+
+    /// A value with each number clipped to a range, which may be infinite, if there are ranges.
+    fn add_clip(&mut self, of: usize, ranges: Option<&[[f64; 2]]>) -> usize {
+        let Some(ranges) = ranges else { return of };
+        let ends = [0, 1].into_iter().flat_map(|end| ranges.iter().map(move |range| range[end]));
+        // parameters of a graph are finite
+        let parameters = ends.map(|end| end.clamp(f64::MIN, f64::MAX)).collect();
+        self.add(Step::Elementwise { of, function: Elementwise::Clip, parameters })
     }
 
     /// Interpolation between networks at time points. `time` is the column of the time; the networks have the other columns.
@@ -225,7 +220,6 @@ impl Graph {
         let widths = self.widths().expect("the graph was checked");
         let mut values = vec![(0..self.inputs).map(|column| columns.contains(&column)).collect::<Vec<bool>>()];
         for (step, width) in self.steps.iter().zip(&widths[1..]) {
-            let any = |of: usize| values[of].contains(&true);
             values.push(match step {
                 Step::Elementwise { of, .. } | Step::Standardize { of, .. } | Step::Rescale { of, .. } => {
                     values[*of].clone()
@@ -245,7 +239,7 @@ impl Graph {
                     }
                     depends
                 }
-                other => vec![other.values().any(any); *width],
+                other => vec![other.values().any(|of| values[of].contains(&true)); *width],
             });
         }
         values

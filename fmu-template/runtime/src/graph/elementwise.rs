@@ -88,9 +88,10 @@ impl Elementwise {
     }
 
     pub(super) fn code(self) -> usize {
-        let is_self = |known: &Self| *known == self;
-        let other = || Self::FIRST_OTHER + Self::OTHERS.iter().position(is_self).unwrap_or_default();
-        Activation::ALL.into_iter().position(|activation| Self::Activation(activation) == self).unwrap_or_else(other)
+        if let Self::Activation(activation) = self {
+            return Activation::ALL.iter().position(|known| *known == activation).unwrap_or_default();
+        }
+        Self::FIRST_OTHER + Self::OTHERS.iter().position(|known| *known == self).unwrap_or_default()
     }
 
     /// How many parameters it has, `p0` and `p1`.
@@ -186,11 +187,15 @@ impl Elementwise {
 }
 
 fn power(x: f64, exponent: f64) -> [f64; 3] {
-    // a factor of 0 stands before what may be infinite at 0
-    let term = |factor: f64, exponent: f64| if factor == 0.0 { 0.0 } else { factor * power_of(x, exponent) };
     let first = exponent;
     let second = exponent * (exponent - 1.0);
-    [power_of(x, exponent), term(first, exponent - 1.0), term(second, exponent - 2.0)]
+    [power_of(x, exponent), scaled_power(first, x, exponent - 1.0), scaled_power(second, x, exponent - 2.0)]
+}
+
+/// `factor * x^exponent`, but zero for a factor of zero, as the power may be infinite at 0.
+#[inline]
+fn scaled_power(factor: f64, x: f64, exponent: f64) -> f64 {
+    if factor == 0.0 { 0.0 } else { factor * power_of(x, exponent) }
 }
 
 fn power_of(x: f64, exponent: f64) -> f64 {

@@ -20,11 +20,32 @@ pub struct KernelMachine {
     pub deviation: Option<ProcessDeviation>,
 }
 
-/// Numbers of a network: mean and scale of inputs and outputs; weights, biases and activation of each layer.
+impl KernelMachine {
+    /// Returns true if both have the same kernels.
+    fn shares_kernels(&self, other: &Self) -> bool {
+        self.lengths == other.lengths && self.centres == other.centres
+    }
+}
+
+/// Numbers of a network: mean and scale of inputs and outputs, and its layers.
 struct NetworkSteps<'a> {
     input: [&'a [f64]; 2],
-    layers: Vec<(&'a Numbers, &'a Numbers, Activation)>,
+    layers: Vec<LayerSteps<'a>>,
     output: [&'a [f64]; 2],
+}
+
+/// Numbers of the affine step of a layer, and the activation that follows.
+struct LayerSteps<'a> {
+    weight: &'a Numbers,
+    bias: &'a Numbers,
+    activation: Activation,
+}
+
+impl From<LayerSteps<'_>> for Layer {
+    fn from(LayerSteps { weight, bias, activation }: LayerSteps) -> Self {
+        let (inputs, outputs) = (weight.len() / bias.len().max(1), bias.len());
+        Self { inputs, outputs, weight: weight.clone(), bias: bias.clone(), activation }
+    }
 }
 
 impl From<&ScaledNetwork> for Graph {
@@ -52,12 +73,8 @@ impl Graph {
             self.network_steps()?;
         let [input_mean, input_scale] = [input_mean, input_scale].map(<[f64]>::to_vec);
         let [output_mean, output_scale] = [output_mean, output_scale].map(<[f64]>::to_vec);
-        let layer = |(weight, bias, activation): (&Numbers, &Numbers, Activation)| {
-            let (inputs, outputs) = (weight.len() / bias.len().max(1), bias.len());
-            Layer { inputs, outputs, weight: weight.clone(), bias: bias.clone(), activation }
-        };
         let scaling = Scaling { input_mean, input_scale, output_mean, output_scale };
-        Some(ScaledNetwork { scaling, layers: layers.into_iter().map(layer).collect() })
+        Some(ScaledNetwork { scaling, layers: layers.into_iter().map(Layer::from).collect() })
     }
 
     fn network_steps(&self) -> Option<NetworkSteps<'_>> {
@@ -65,15 +82,15 @@ impl Graph {
         let (last, steps) = rest.split_last()?;
         let Step::Standardize { of: 0, mean: input_mean, scale: input_scale } = first else { return None };
         let Step::Rescale { of, mean: output_mean, scale: output_scale } = last else { return None };
-        let mut layers: Vec<(&Numbers, &Numbers, Activation)> = Vec::new();
+        let mut layers: Vec<LayerSteps> = Vec::new();
         for (before, step) in (1..).zip(steps) {
             match step {
                 Step::Affine { of, weight, bias } if *of == before => {
-                    layers.push((weight, bias, Activation::Identity));
+                    layers.push(LayerSteps { weight, bias, activation: Activation::Identity });
                 }
                 Step::Elementwise { of, function: Elementwise::Activation(activation), .. } if *of == before => {
-                    let (.., of_layer) = layers.last_mut().filter(|(.., of)| *of == Activation::Identity)?;
-                    *of_layer = *activation;
+                    let layer = layers.last_mut().filter(|layer| layer.activation == Activation::Identity)?;
+                    layer.activation = *activation;
                 }
                 _ => return None,
             }
@@ -92,7 +109,7 @@ impl Graph {
         let mut graph = Self::centred(scaling);
         let scales = scaling.input_scale.iter().cycle();
         let weights: Vec<f64> = weights.iter().zip(scales).map(|(weight, scale)| weight / scale).collect();
-        graph.add(scaled(1, &weights, biases, (&scaling.output_mean, &scaling.output_scale)));
+        graph.add(scaled(1, &weights, biases, &scaling.output_mean, &scaling.output_scale));
         graph
     }
 
@@ -101,17 +118,17 @@ impl Graph {
         let mut graph = Self::standardized(scaling);
         let biases = vec![0.0; scaling.output_mean.len()];
         let of = graph.add(Step::Products { of: graph.steps.len(), products });
-        graph.add(scaled(of, coefficients, &biases, (&scaling.output_mean, &scaling.output_scale)));
+        graph.add(scaled(of, coefficients, &biases, &scaling.output_mean, &scaling.output_scale));
         graph
     }
 
     /// `y_o = mean_o + scale_o forest_o(z)`
     pub fn of_forest(scaling: &Scaling, forest: Forest) -> Self {
         let mut graph = Self::centred(scaling);
-        let scale = |column: u32| scaling.input_scale.get(column as usize).copied().unwrap_or(1.0);
         let mut forest = forest;
-        let splits = forest.nodes.iter_mut().filter(|node| node.column != LEAF);
-        splits.for_each(|node| node.number *= scale(node.column));
+        for node in forest.nodes.iter_mut().filter(|node| node.column != LEAF) {
+            node.number *= scaling.input_scale.get(node.column as usize).copied().unwrap_or(1.0);
+        }
         let of = graph.add(Step::Forest { of: 1, forest: forest.into(), outputs: scaling.output_mean.len() });
         graph.add(linear(of, &scaling.output_scale, &scaling.output_mean));
         graph
@@ -127,10 +144,10 @@ impl Graph {
         let mut deviations = vec![None; machines.len()];
         let mut rest: Vec<usize> = (0..machines.len()).collect();
         while let Some(first) = rest.first() {
-            let KernelMachine { lengths, centres, .. } = &machines[*first];
-            let is_same = |other: &usize| machines[*other].lengths == *lengths && machines[*other].centres == *centres;
-            let (shared, others): (Vec<usize>, Vec<usize>) = rest.iter().partition(|other| is_same(other));
-            let picked = |of: fn(&KernelMachine) -> &[f64]| shared.iter().flat_map(move |o| of(&machines[*o]).to_vec());
+            let machine = &machines[*first];
+            let (shared, others): (Vec<usize>, Vec<usize>) =
+                rest.iter().partition(|other| machines[**other].shares_kernels(machine));
+            let KernelMachine { lengths, centres, .. } = machine;
             let (kernels, weights): (usize, Vec<f64>) = if centres.is_empty() {
                 (z, vec![0.0; inputs * shared.len()])
             } else {
@@ -138,12 +155,12 @@ impl Graph {
                 let of = graph.add(step);
                 let function = Elementwise::Gaussian;
                 let kernels = graph.add(Step::Elementwise { of, function, parameters: Vec::new() });
-                (kernels, picked(|machine| &machine.weights).collect())
+                (kernels, shared.iter().flat_map(|output| machines[*output].weights.iter().copied()).collect())
             };
             let biases: Vec<f64> = shared.iter().map(|output| machines[*output].bias).collect();
-            let of_shared = |column: &[f64]| shared.iter().map(|output| column[*output]).collect::<Vec<f64>>();
-            let scaling = (&*of_shared(output_mean), &*of_shared(output_scale));
-            let made = graph.add(scaled(kernels, &weights, &biases, scaling));
+            let mean: Vec<f64> = shared.iter().map(|output| output_mean[*output]).collect();
+            let scale: Vec<f64> = shared.iter().map(|output| output_scale[*output]).collect();
+            let made = graph.add(scaled(kernels, &weights, &biases, &mean, &scale));
             (0..).zip(&shared).for_each(|(row, output)| columns[*output] = [made as u32, row]);
             for (output, deviation) in shared.iter().filter_map(|o| Some((*o, machines[*o].deviation.as_ref()?))) {
                 deviations[output] = Some([graph.add_deviation(kernels, deviation, output_scale[output]) as u32, 0]);
@@ -182,7 +199,7 @@ fn linear(of: usize, factors: &[f64], offsets: &[f64]) -> Step {
 }
 
 /// `mean + scale (W x + b)`
-fn scaled(of: usize, weight: &[f64], bias: &[f64], (mean, scale): (&[f64], &[f64])) -> Step {
+fn scaled(of: usize, weight: &[f64], bias: &[f64], mean: &[f64], scale: &[f64]) -> Step {
     let rows = weight.chunks(weight.len().div_ceil(bias.len()).max(1)).zip(scale);
     let weight: Vec<f64> = rows.flat_map(|(row, scale)| row.iter().map(move |weight| scale * weight)).collect();
     let bias: Vec<f64> = mean.iter().zip(scale).zip(bias).map(|((mean, scale), bias)| mean + scale * bias).collect();

@@ -234,29 +234,33 @@ impl Graph {
         Ok(widths)
     }
 
+    /// Number of numbers of all values.
+    fn value_numbers(&self) -> usize {
+        self.widths().map_or(0, |widths| widths.iter().sum())
+    }
+
     /// Returns true if single precision adds only rounding errors for inputs in these ranges. No input may be large compared with its
     /// range, and no step may divide, select or compare: there rounding may make a large difference.
     pub fn fits_single(&self, ranges: &[[f64; 2]]) -> bool {
         /// Size of an input for each unit of its range.
         const FAR: f64 = 16.0;
-        let size = |[min, max]: &[f64; 2]| min.abs().max(max.abs());
         let Ok(widths) = self.widths() else { return false };
         // standardized in double precision
         let standardized: Option<Vec<f64>> = match self.steps.first() {
             Some(Step::Standardize { mean, scale, .. }) => {
-                let relative = |((range, mean), scale): ((&[f64; 2], &f64), &f64)| {
+                let relative = ranges.iter().zip(mean).zip(scale).map(|((range, mean), scale)| {
                     range.iter().map(|end| ((end - mean) / scale).abs()).fold(0.0, f64::max)
-                };
-                Some(ranges.iter().zip(mean).zip(scale).map(relative).collect())
+                });
+                Some(relative.collect())
             }
             _ => None,
         };
-        let is_far = |range: &[f64; 2]| range[0] < range[1] && size(range) > FAR * (range[1] - range[0]);
-        if standardized.is_none() && ranges.iter().any(is_far) {
+        let mut varying = ranges.iter().filter(|range| range[0] < range[1]);
+        if standardized.is_none() && varying.any(|range| magnitude(range) > FAR * (range[1] - range[0])) {
             return false;
         }
         let sizes = |of: usize| match (of, &standardized) {
-            (0, _) => ranges.iter().map(size).collect(),
+            (0, _) => ranges.iter().map(magnitude).collect(),
             (1, Some(sizes)) => sizes.clone(),
             _ => vec![USUAL_SIZE; widths[of]],
         };
@@ -351,34 +355,34 @@ impl Step {
 
     /// Number of numbers that an evaluation keeps beside those that the step makes.
     pub fn noted(&self) -> usize {
-        let of_function = |function: &Graph| function.widths().map_or(0, |widths| widths.iter().sum());
         match self {
             Self::Products { products, .. } => products.polynomials(),
-            Self::Call { function, .. } => of_function(function),
-            Self::Interpolate { functions, .. } => functions.first().map_or(0, of_function),
+            Self::Call { function, .. } => function.value_numbers(),
+            Self::Interpolate { functions, .. } => functions.first().map_or(0, Graph::value_numbers),
             _ => 0,
         }
     }
 
     /// Makes sure that numbers are in their ranges.
     fn check_numbers(&self, number: usize) -> Result<(), FormatError> {
-        let name = |what: &'static str| StepName { number, what };
         match self {
             Self::Affine { weight, bias, .. } => {
-                weight.expect_finite(name("weight"))?;
-                bias.expect_finite(name("bias"))
+                weight.expect_finite(StepName(number, "weight"))?;
+                bias.expect_finite(StepName(number, "bias"))
             }
-            Self::Elementwise { parameters, .. } => expect_finite(name("parameters"), parameters.iter().copied()),
+            Self::Elementwise { parameters, .. } => {
+                expect_finite(StepName(number, "parameters"), parameters.iter().copied())
+            }
             Self::Standardize { mean, scale, .. } | Self::Rescale { mean, scale, .. } => {
-                expect_finite(name("mean"), mean.iter().copied())?;
-                expect_finite(name("scale"), scale.iter().copied())?;
-                expect_positive(name("scale"), scale)
+                expect_finite(StepName(number, "mean"), mean.iter().copied())?;
+                expect_finite(StepName(number, "scale"), scale.iter().copied())?;
+                expect_positive(StepName(number, "scale"), scale)
             }
             Self::Normalize { epsilon, .. } => {
-                expect_finite(name("parameters"), [*epsilon].into_iter())?;
+                expect_finite(StepName(number, "parameters"), [*epsilon].into_iter())?;
                 if *epsilon < 0.0 {
                     return Err(FormatError::NotPositive {
-                        name: name("parameters").to_string(),
+                        name: StepName(number, "parameters").to_string(),
                         index: 0,
                         value: *epsilon,
                     });
@@ -386,14 +390,13 @@ impl Step {
                 Ok(())
             }
             Self::Distances { centres, lengths, .. } => {
-                expect_finite(name("lengths"), lengths.iter().copied())?;
-                expect_positive(name("lengths"), lengths)?;
-                expect_finite(name("centres"), centres.iter().copied())
+                expect_finite(StepName(number, "lengths"), lengths.iter().copied())?;
+                expect_positive(StepName(number, "lengths"), lengths)?;
+                expect_finite(StepName(number, "centres"), centres.iter().copied())
             }
             Self::Call { function, .. } => function.check_numbers(),
             Self::Interpolate { functions, .. } => functions.iter().enumerate().try_for_each(|(instant, function)| {
-                let problem = |source| FormatError::OfInstant { instant, source: Box::new(source) };
-                function.check_numbers().map_err(problem)
+                function.check_numbers().map_err(|source| source.of_instant(instant))
             }),
             Self::Motion { motion, .. } => motion.check(),
             // dictionaries are checked when they are made, the others have shapes alone
@@ -404,17 +407,16 @@ impl Step {
 
     /// Length of what the step makes, of the values before it; its shape is checked.
     fn width(&self, number: usize, widths: &[usize]) -> Result<usize, FormatError> {
-        let name = |what: &'static str| StepName { number, what };
         let width = |of: usize| expect_below(&"graph.steps", number, of, widths.len()).map(|()| widths[of]);
         match self {
             Self::Affine { of, weight, bias } => {
-                expect_shape(name("weight"), &[weight.len()], &[bias.len() * width(*of)?])?;
+                expect_shape(StepName(number, "weight"), &[weight.len()], &[bias.len() * width(*of)?])?;
                 not_empty(bias.len())
             }
             Self::Elementwise { of, function, parameters } => {
                 let (width, count) = (width(*of)?, function.parameters());
                 if parameters.len() != count {
-                    expect_shape(name("parameters"), &[parameters.len()], &[count * width])?;
+                    expect_shape(StepName(number, "parameters"), &[parameters.len()], &[count * width])?;
                 }
                 Ok(width)
             }
@@ -429,22 +431,22 @@ impl Step {
             }
             Self::Columns { columns } => {
                 for (index, [of, column]) in columns.iter().enumerate() {
-                    expect_below(&name("columns"), index, *column as usize, width(*of as usize)?)?;
+                    expect_below(&StepName(number, "columns"), index, *column as usize, width(*of as usize)?)?;
                 }
                 not_empty(columns.len())
             }
             Self::Standardize { of, mean, scale } | Self::Rescale { of, mean, scale } => {
                 let width = width(*of)?;
                 for (what, values) in [("mean", mean), ("scale", scale)] {
-                    expect_shape(name(what), &[values.len()], &[width])?;
+                    expect_shape(StepName(number, what), &[values.len()], &[width])?;
                 }
                 Ok(width)
             }
             Self::Normalize { of, .. } | Self::Softmax { of } => width(*of),
             Self::Distances { of, centres, lengths } => {
                 let width = width(*of)?;
-                expect_shape(name("lengths"), &[lengths.len()], &[width])?;
-                expect_shape(name("centres"), &[centres.len()], &[centres.len() / width * width])?;
+                expect_shape(StepName(number, "lengths"), &[lengths.len()], &[width])?;
+                expect_shape(StepName(number, "centres"), &[centres.len()], &[centres.len() / width * width])?;
                 not_empty(centres.len() / width)
             }
             Self::Forest { of, forest, outputs } => {
@@ -452,24 +454,24 @@ impl Step {
                 not_empty(*outputs)
             }
             Self::Products { of, products } => {
-                products.check(&name("degrees").to_string(), width(*of)?)?;
+                products.check(&StepName(number, "degrees").to_string(), width(*of)?)?;
                 not_empty(products.terms())
             }
             Self::Call { of, function } => {
                 if function.steps.iter().any(Self::is_nested) {
-                    return Err(FormatError::NestedFunction { name: name("function").to_string() });
+                    return Err(FormatError::NestedFunction { name: StepName(number, "function").to_string() });
                 }
                 not_empty(function.shape(width(*of)?)?[function.steps.len()])
             }
             Self::Interpolate { of, column, instants, functions } => {
-                check_instants(&name("instants").to_string(), (width(*of)?, *column), instants, functions)
+                check_instants(&StepName(number, "instants").to_string(), (width(*of)?, *column), instants, functions)
             }
             Self::Dictionary { of, dictionary } => {
-                expect_shape(name("functions"), &[dictionary.columns()], &[width(*of)?])?;
+                expect_shape(StepName(number, "functions"), &[dictionary.columns()], &[width(*of)?])?;
                 not_empty(dictionary.outputs())
             }
             Self::Motion { of, motion } => {
-                expect_shape(name("motion"), &[motion.columns()], &[width(*of)?])?;
+                expect_shape(StepName(number, "motion"), &[motion.columns()], &[width(*of)?])?;
                 not_empty(motion.results())
             }
         }
@@ -477,15 +479,18 @@ impl Step {
 }
 
 /// Name of a step's tensor, written only where an error needs it.
-struct StepName {
-    number: usize,
-    what: &'static str,
-}
+struct StepName(usize, &'static str);
 
 impl fmt::Display for StepName {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        write!(f, "graph.{}.{}", self.number, self.what)
+        let Self(number, what) = self;
+        write!(f, "graph.{number}.{what}")
     }
+}
+
+/// The larger magnitude of the ends of a range.
+fn magnitude([min, max]: &[f64; 2]) -> f64 {
+    min.abs().max(max.abs())
 }
 
 fn not_empty(width: usize) -> Result<usize, FormatError> {

@@ -23,12 +23,11 @@ impl Products {
     pub fn up_to(inputs: usize, degree: u8, most: usize) -> Option<Vec<Vec<u8>>> {
         let mut all = vec![Vec::new()];
         for _ in 0..inputs {
-            let longer = |degrees: &Vec<u8>| {
+            let longer = all.iter().flat_map(|degrees: &Vec<u8>| {
                 let rest = degree - degrees.iter().sum::<u8>();
-                let degrees = degrees.clone();
                 (0..=rest).map(move |next| [degrees.as_slice(), &[next]].concat())
-            };
-            all = all.iter().flat_map(longer).collect();
+            });
+            all = longer.collect();
             if all.len() > most {
                 return None;
             }
@@ -109,8 +108,9 @@ impl PreparedProducts {
         let mut shorter = vec![None; products.inputs];
         for (term, degrees) in products.degrees.chunks_exact(products.inputs).enumerate() {
             let begin = factors.len();
-            let place = |(input, degree): (usize, &u8)| (polynomials + input * orders + usize::from(*degree)) as u32;
-            factors.extend(degrees.iter().enumerate().filter(|(_, degree)| **degree > 0).map(place));
+            for (input, degree) in degrees.iter().enumerate().filter(|(_, degree)| **degree > 0) {
+                factors.push((polynomials + input * orders + usize::from(*degree)) as u32);
+            }
             let end = degrees.iter().rposition(|degree| *degree > 0).map_or(0, |last| last + 1);
             if let [_, _, .., last] = factors[begin..]
                 && let Some(earlier) = shorter[end - 1]
@@ -132,8 +132,10 @@ impl PreparedProducts {
 
     /// Terms with the positions of their factors.
     fn terms(&self) -> impl DoubleEndedIterator<Item = (usize, &[u32])> + ExactSizeIterator {
-        let begin = |term: usize| if term == 0 { 0 } else { self.ends[term - 1] as usize };
-        self.ends.iter().enumerate().map(move |(term, end)| (term, &self.factors[begin(term)..*end as usize]))
+        self.ends.iter().enumerate().map(|(term, end)| {
+            let begin = if term == 0 { 0 } else { self.ends[term - 1] as usize };
+            (term, &self.factors[begin..*end as usize])
+        })
     }
 
     pub(super) fn run<N: Cell, T: Real, const WIDTH: usize>(&self, from: &Series<T, WIDTH>, to: &mut Series<T, WIDTH>) {

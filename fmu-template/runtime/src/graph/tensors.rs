@@ -51,49 +51,72 @@ impl Graph {
         let name = [prefix, "steps"].concat();
         let steps = whole_rows(tensors, &name)?;
         let inputs = counts(tensors, &[prefix, "inputs"].concat(), 1)?[0] as usize;
-        let step = |(number, codes): (usize, &[u32; 4])| {
-            let unknown = |place: usize| FormatError::Unknown {
-                name: name.clone(),
-                index: 4 * number + place,
-                found: codes[place],
-            };
+        let steps = steps.into_iter().enumerate().map(|(number, codes)| {
+            let row = CodeRow { name: &name, number, codes };
             if is_called && codes[0] >= CALL {
-                return Err(unknown(0));
+                return Err(row.unknown(0));
             }
-            Step::read(tensors, &joined([prefix, &number.to_string(), "."]), *codes, unknown)
-        };
-        let steps = steps.iter().enumerate().map(step).collect::<Result<_, _>>()?;
-        Ok(Self { inputs, steps })
+            Step::read(tensors, &joined([prefix, &number.to_string(), "."]), row)
+        });
+        Ok(Self { inputs, steps: steps.collect::<Result<_, _>>()? })
+    }
+
+    /// The graph of a name, which is a network.
+    fn read_network(tensors: &mut Views, name: &str) -> Result<Self, FormatError> {
+        let graph = Self::read(tensors, &joined([name, "."]), true)?;
+        if graph.is_network() { Ok(graph) } else { Err(FormatError::NoNetwork { name: name.into() }) }
     }
 
     /// A network with the same steps and other numbers: those of its tensors, in their order.
     fn with_numbers(&self, tensors: &mut dyn Iterator<Item = Numbers>) -> Self {
-        let mut next = || tensors.next().unwrap_or(Numbers::Double(Vec::new()));
-        // types are those of the first network, which were checked
-        let doubles = |next: Numbers| match next {
-            Numbers::Double(numbers) => numbers,
-            Numbers::Single(_) => Vec::new(),
-        };
         let steps = self.steps.iter().map(|step| match *step {
-            Step::Affine { of, .. } => Step::Affine { of, weight: next(), bias: next() },
-            Step::Standardize { of, .. } => Step::Standardize { of, mean: doubles(next()), scale: doubles(next()) },
-            Step::Rescale { of, .. } => Step::Rescale { of, mean: doubles(next()), scale: doubles(next()) },
+            Step::Affine { of, .. } => Step::Affine { of, weight: next_numbers(tensors), bias: next_numbers(tensors) },
+            Step::Standardize { of, .. } => {
+                Step::Standardize { of, mean: next_doubles(tensors), scale: next_doubles(tensors) }
+            }
+            Step::Rescale { of, .. } => Step::Rescale { of, mean: next_doubles(tensors), scale: next_doubles(tensors) },
             ref other => other.clone(),
         });
         Self { inputs: self.inputs, steps: steps.collect() }
     }
 }
 
+fn next_numbers(tensors: &mut dyn Iterator<Item = Numbers>) -> Numbers {
+    tensors.next().unwrap_or(Numbers::Double(Vec::new()))
+}
+
+fn next_doubles(tensors: &mut dyn Iterator<Item = Numbers>) -> Vec<f64> {
+    match next_numbers(tensors) {
+        Numbers::Double(numbers) => numbers,
+        // types are those of the first network, which were checked
+        Numbers::Single(_) => Vec::new(),
+    }
+}
+
+/// A row of the tensor of steps: kind and code of a step, and its operands.
+struct CodeRow<'a> {
+    /// Name of the tensor.
+    name: &'a str,
+    number: usize,
+    codes: [u32; 4],
+}
+
+impl CodeRow<'_> {
+    /// The error about one of the codes.
+    fn unknown(&self, place: usize) -> FormatError {
+        FormatError::Unknown { name: self.name.into(), index: 4 * self.number + place, found: self.codes[place] }
+    }
+}
+
 impl Step {
     /// Kind and code of the step, and its operands.
     fn codes(&self) -> [u32; 4] {
-        let place = |found: Option<usize>| found.expect("all of them are listed") as u32;
         match self {
             Self::Affine { of, .. } => [AFFINE, 0, *of as u32, 0],
             Self::Elementwise { of, function, .. } => [ELEMENTWISE, function.code() as u32, *of as u32, 0],
             Self::Combine { of: [a, b], operation } => {
-                let code = place(Operation::ALL.iter().position(|known| known == operation));
-                [COMBINE, code, *a as u32, *b as u32]
+                let code = Operation::ALL.iter().position(|known| known == operation).expect("all of them are listed");
+                [COMBINE, code as u32, *a as u32, *b as u32]
             }
             // the condition stands where others have their code
             Self::Select { of: [condition, a, b] } => [SELECT, *condition as u32, *a as u32, *b as u32],
@@ -114,39 +137,47 @@ impl Step {
 
     /// Tensors whose names begin with this.
     fn tensors(&self, prefix: &str) -> Vec<Tensor> {
-        let name = |what: &str| joined([prefix, what]);
         match self {
             Self::Affine { weight, bias, .. } => {
                 let shape = vec![bias.len(), weight.len() / bias.len().max(1)];
                 let bias_shape = vec![bias.len()];
-                vec![of_numbers(&name("weight"), shape, weight), of_numbers(&name("bias"), bias_shape, bias)]
+                vec![
+                    of_numbers(&joined([prefix, "weight"]), shape, weight),
+                    of_numbers(&joined([prefix, "bias"]), bias_shape, bias),
+                ]
             }
             Self::Elementwise { parameters, .. } if parameters.is_empty() => Vec::new(),
             Self::Elementwise { parameters, .. } => {
-                vec![doubles(&name("parameters"), vec![parameters.len()], parameters)]
+                vec![doubles(&joined([prefix, "parameters"]), vec![parameters.len()], parameters)]
             }
             Self::Columns { columns } => {
                 let content = columns.iter().flatten().copied().collect::<Vec<u32>>();
-                vec![indices(&name("columns"), vec![columns.len(), 2], &content)]
+                vec![indices(&joined([prefix, "columns"]), vec![columns.len(), 2], &content)]
             }
             Self::Standardize { mean, scale, .. } | Self::Rescale { mean, scale, .. } => {
-                vec![doubles(&name("mean"), vec![mean.len()], mean), doubles(&name("scale"), vec![scale.len()], scale)]
+                vec![
+                    doubles(&joined([prefix, "mean"]), vec![mean.len()], mean),
+                    doubles(&joined([prefix, "scale"]), vec![scale.len()], scale),
+                ]
             }
-            Self::Normalize { epsilon, .. } => vec![doubles(&name("parameters"), vec![1], &[*epsilon])],
+            Self::Normalize { epsilon, .. } => vec![doubles(&joined([prefix, "parameters"]), vec![1], &[*epsilon])],
             Self::Distances { centres, lengths, .. } => {
                 let shape = vec![centres.len() / lengths.len().max(1), lengths.len()];
-                vec![doubles(&name("centres"), shape, centres), doubles(&name("lengths"), vec![lengths.len()], lengths)]
+                vec![
+                    doubles(&joined([prefix, "centres"]), shape, centres),
+                    doubles(&joined([prefix, "lengths"]), vec![lengths.len()], lengths),
+                ]
             }
             Self::Forest { forest, .. } => forest.tensors(prefix),
             Self::Products { products, .. } => {
                 let shape = vec![products.terms(), products.inputs];
-                vec![(name("degrees"), Dtype::U8, shape, products.degrees.clone())]
+                vec![(joined([prefix, "degrees"]), Dtype::U8, shape, products.degrees.clone())]
             }
             Self::Combine { .. } | Self::Select { .. } | Self::Softmax { .. } => Vec::new(),
-            Self::Call { function, .. } => function.tensors(&name("function.")),
+            Self::Call { function, .. } => function.tensors(&joined([prefix, "function."])),
             Self::Interpolate { instants, functions, .. } => {
-                let mut tensors = vec![doubles(&name("instants"), vec![instants.len()], instants)];
-                let functions = functions.iter().map(|function| function.tensors(&name("functions.")));
+                let mut tensors = vec![doubles(&joined([prefix, "instants"]), vec![instants.len()], instants)];
+                let functions = functions.iter().map(|function| function.tensors(&joined([prefix, "functions."])));
                 tensors.extend(stacked(functions));
                 tensors
             }
@@ -155,73 +186,74 @@ impl Step {
         }
     }
 
-    /// The step of the tensors whose names begin with this; `unknown` is the error about one of the codes.
-    fn read(
-        tensors: &mut Views,
-        prefix: &str,
-        [kind, code, a, b]: [u32; 4],
-        unknown: impl Fn(usize) -> FormatError,
-    ) -> Result<Self, FormatError> {
-        let name = |what: &str| joined([prefix, what]);
-        let mut doubles = |what: &str| -> Result<Vec<f64>, FormatError> {
-            let view = take(tensors, &name(what), Dtype::F64, 1)?;
-            Ok(elements(view.data, f64::from_le_bytes))
-        };
+    /// The step of the tensors whose names begin with this.
+    fn read(tensors: &mut Views, prefix: &str, row: CodeRow) -> Result<Self, FormatError> {
+        let [kind, code, a, b] = row.codes;
         let of = a as usize;
         match kind {
             AFFINE => {
-                let mut read = |what: &str, dimensions: usize| -> Result<_, FormatError> {
-                    let view = take_one_of(tensors, &name(what), &[Dtype::F32, Dtype::F64], dimensions)?;
-                    Ok((numbers(view.dtype, view.data), view.shape))
-                };
-                let ((weight, shape), (bias, _)) = (read("weight", 2)?, read("bias", 1)?);
-                expect_shape(name("weight"), shape, &[bias.len(), weight.len() / bias.len().max(1)])?;
+                let weight = take_one_of(tensors, &joined([prefix, "weight"]), &[Dtype::F32, Dtype::F64], 2)?;
+                let bias = take_one_of(tensors, &joined([prefix, "bias"]), &[Dtype::F32, Dtype::F64], 1)?;
+                let shape = weight.shape;
+                let [weight, bias] = [weight, bias].map(|view| numbers(view.dtype, view.data));
+                expect_shape(joined([prefix, "weight"]), shape, &[bias.len(), weight.len() / bias.len().max(1)])?;
                 Ok(Self::Affine { of, weight, bias })
             }
             ELEMENTWISE => {
-                let function = Elementwise::of_code(code as usize).ok_or_else(|| unknown(1))?;
-                let parameters = if function.parameters() > 0 { doubles("parameters")? } else { Vec::new() };
+                let function = Elementwise::of_code(code as usize).ok_or_else(|| row.unknown(1))?;
+                let parameters = if function.parameters() > 0 {
+                    read_doubles(tensors, &joined([prefix, "parameters"]))?
+                } else {
+                    Vec::new()
+                };
                 Ok(Self::Elementwise { of, function, parameters })
             }
             COMBINE => {
-                let operation = *Operation::ALL.get(code as usize).ok_or_else(|| unknown(1))?;
+                let operation = *Operation::ALL.get(code as usize).ok_or_else(|| row.unknown(1))?;
                 Ok(Self::Combine { of: [of, b as usize], operation })
             }
             SELECT => Ok(Self::Select { of: [code as usize, of, b as usize] }),
-            COLUMNS => Ok(Self::Columns { columns: whole_rows(tensors, &name("columns"))? }),
-            STANDARDIZE => Ok(Self::Standardize { of, mean: doubles("mean")?, scale: doubles("scale")? }),
-            RESCALE => Ok(Self::Rescale { of, mean: doubles("mean")?, scale: doubles("scale")? }),
+            COLUMNS => Ok(Self::Columns { columns: whole_rows(tensors, &joined([prefix, "columns"]))? }),
+            STANDARDIZE => Ok(Self::Standardize {
+                of,
+                mean: read_doubles(tensors, &joined([prefix, "mean"]))?,
+                scale: read_doubles(tensors, &joined([prefix, "scale"]))?,
+            }),
+            RESCALE => Ok(Self::Rescale {
+                of,
+                mean: read_doubles(tensors, &joined([prefix, "mean"]))?,
+                scale: read_doubles(tensors, &joined([prefix, "scale"]))?,
+            }),
             NORMALIZE => {
-                let parameters = doubles("parameters")?;
-                expect_shape(name("parameters"), &[parameters.len()], &[1])?;
+                let parameters = read_doubles(tensors, &joined([prefix, "parameters"]))?;
+                expect_shape(joined([prefix, "parameters"]), &[parameters.len()], &[1])?;
                 Ok(Self::Normalize { of, epsilon: parameters[0] })
             }
             SOFTMAX => Ok(Self::Softmax { of }),
             DISTANCES => {
-                let lengths = doubles("lengths")?;
-                let centres = take(tensors, &name("centres"), Dtype::F64, 2)?;
-                expect_shape(name("centres"), &centres.shape[1..], &[lengths.len()])?;
+                let lengths = read_doubles(tensors, &joined([prefix, "lengths"]))?;
+                let centres = take(tensors, &joined([prefix, "centres"]), Dtype::F64, 2)?;
+                expect_shape(joined([prefix, "centres"]), &centres.shape[1..], &[lengths.len()])?;
                 Ok(Self::Distances { of, centres: elements(centres.data, f64::from_le_bytes), lengths })
             }
             FOREST => Ok(Self::Forest { of, forest: Forest::read(tensors, prefix)?.into(), outputs: code as usize }),
             PRODUCTS => {
-                let view = take(tensors, &name("degrees"), Dtype::U8, 2)?;
+                let view = take(tensors, &joined([prefix, "degrees"]), Dtype::U8, 2)?;
                 Ok(Self::Products { of, products: Products { inputs: view.shape[1], degrees: view.data.to_vec() } })
             }
-            CALL => Ok(Self::Call { of, function: Graph::read(tensors, &name("function."), true)? }),
+            CALL => Ok(Self::Call { of, function: Graph::read(tensors, &joined([prefix, "function."]), true)? }),
             INTERPOLATE => {
-                let instants = doubles("instants")?;
-                let first = |part: &mut Views| {
-                    let function = Graph::read(part, &name("functions."), true)?;
-                    let problem = || FormatError::NoNetwork { name: name("functions") };
-                    if function.is_network() { Ok(function) } else { Err(problem()) }
-                };
-                let functions = tensors.parts(instants.len(), first, Graph::with_numbers)?;
+                let instants = read_doubles(tensors, &joined([prefix, "instants"]))?;
+                let functions = tensors.parts(
+                    instants.len(),
+                    |part| Graph::read_network(part, &joined([prefix, "functions"])),
+                    Graph::with_numbers,
+                )?;
                 Ok(Self::Interpolate { of, column: code as usize, instants, functions })
             }
             DICTIONARY => Ok(Self::Dictionary { of, dictionary: Dictionary::read(tensors, prefix)? }),
             MOTION => Ok(Self::Motion { of, motion: Box::new(Motion::read(tensors, prefix)?) }),
-            _ => Err(unknown(0)),
+            _ => Err(row.unknown(0)),
         }
     }
 }
@@ -229,37 +261,33 @@ impl Step {
 impl Forest {
     fn tensors(&self, prefix: &str) -> Vec<Tensor> {
         let Self { nodes, trees } = self;
-        let name = |what: &str| joined([prefix, "forest.", what]);
         let columns: Vec<u32> = nodes.iter().map(|node| node.column).collect();
         let numbers: Vec<f64> = nodes.iter().map(|node| node.number).collect();
         let below: Vec<u32> = nodes.iter().flat_map(|node| node.below).collect();
         let [roots, outputs] =
             [|tree: &Tree| tree.root, |tree: &Tree| tree.output].map(|of| trees.iter().map(of).collect::<Vec<u32>>());
         vec![
-            indices(&name("column"), vec![nodes.len()], &columns),
-            doubles(&name("number"), vec![nodes.len()], &numbers),
-            indices(&name("below"), vec![nodes.len(), 2], &below),
-            indices(&name("root"), vec![trees.len()], &roots),
-            indices(&name("output"), vec![trees.len()], &outputs),
+            indices(&joined([prefix, "forest.column"]), vec![nodes.len()], &columns),
+            doubles(&joined([prefix, "forest.number"]), vec![nodes.len()], &numbers),
+            indices(&joined([prefix, "forest.below"]), vec![nodes.len(), 2], &below),
+            indices(&joined([prefix, "forest.root"]), vec![trees.len()], &roots),
+            indices(&joined([prefix, "forest.output"]), vec![trees.len()], &outputs),
         ]
     }
 
     /// The forest of the tensors whose names have this prefix.
     fn read(tensors: &mut Views, prefix: &str) -> Result<Self, FormatError> {
-        let name = |what: &str| joined([prefix, "forest.", what]);
-        let mut indices = |what: &str| {
-            let view = take(tensors, &name(what), Dtype::U32, 1)?;
-            Ok::<_, FormatError>(elements(view.data, u32::from_le_bytes))
-        };
-        let (columns, roots, outputs) = (indices("column")?, indices("root")?, indices("output")?);
-        let below = take(tensors, &name("below"), Dtype::U32, 2)?;
-        expect_shape(name("below"), below.shape, &[columns.len(), 2])?;
+        let columns = read_indices(tensors, &joined([prefix, "forest.column"]))?;
+        let roots = read_indices(tensors, &joined([prefix, "forest.root"]))?;
+        let outputs = read_indices(tensors, &joined([prefix, "forest.output"]))?;
+        let below = take(tensors, &joined([prefix, "forest.below"]), Dtype::U32, 2)?;
+        expect_shape(joined([prefix, "forest.below"]), below.shape, &[columns.len(), 2])?;
         let below = elements(below.data, u32::from_le_bytes);
-        let numbers = take(tensors, &name("number"), Dtype::F64, 1)?;
+        let numbers = take(tensors, &joined([prefix, "forest.number"]), Dtype::F64, 1)?;
         let numbers = elements(numbers.data, f64::from_le_bytes);
         let nodes = columns.len();
-        expect_shape(name("number"), &[numbers.len()], &[nodes])?;
-        expect_shape(name("output"), &[outputs.len()], &[roots.len()])?;
+        expect_shape(joined([prefix, "forest.number"]), &[numbers.len()], &[nodes])?;
+        expect_shape(joined([prefix, "forest.output"]), &[outputs.len()], &[roots.len()])?;
         let below = below.as_chunks::<2>().0;
         let nodes = columns.into_iter().zip(numbers).zip(below);
         let trees = roots.into_iter().zip(outputs);
@@ -268,6 +296,14 @@ impl Forest {
             trees: trees.map(|(root, output)| Tree { root, output }).collect(),
         })
     }
+}
+
+fn read_doubles(tensors: &mut Views, name: &str) -> Result<Vec<f64>, FormatError> {
+    Ok(elements(take(tensors, name, Dtype::F64, 1)?.data, f64::from_le_bytes))
+}
+
+fn read_indices(tensors: &mut Views, name: &str) -> Result<Vec<u32>, FormatError> {
+    Ok(elements(take(tensors, name, Dtype::U32, 1)?.data, u32::from_le_bytes))
 }
 
 fn doubles(name: &str, shape: Vec<usize>, values: &[f64]) -> Tensor {

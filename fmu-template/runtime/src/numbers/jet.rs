@@ -190,10 +190,9 @@ impl<T: Number> Number for Jet<T> {
             return chain(exponent * self.apply(ElementaryFunction::Ln), value, [value; 2]);
         }
         let (x, p) = (self.value, exponent.value);
-        let less = |by: f64| p - T::from(by);
-        // 0 * 0^-1 is zero here: the derivative of a constant
-        let term = |factor: T, power: T| if factor == zero { zero } else { factor * x.power(power) };
-        chain(self, value, [term(p, less(1.0)), term(p * less(1.0), less(2.0))])
+        // exponents of the derivatives
+        let [first, second] = [1.0, 2.0].map(|less| p - T::from(less));
+        chain(self, value, [scaled_power(p, x, first), scaled_power(p * first, x, second)])
     }
 
     fn angle_of(self, along: Self) -> Self {
@@ -264,10 +263,22 @@ fn derivatives<T: Number>(function: ElementaryFunction, x: T, y: T) -> [T; 2] {
 /// A function of a series by the chain rule, from its value and its derivatives.
 fn chain<T: Number>(x: Jet<T>, value: T, [slope, change]: [T; 2]) -> Jet<T> {
     // what does not change has no derivative, even where that of the function is infinite, as of sqrt at 0
+    let second = chained(change, x.first * x.first) + chained(slope, x.second);
+    Jet { value, first: chained(slope, x.first), second }
+}
+
+/// `slope * change`, but zero for a change of zero.
+#[inline]
+fn chained<T: Number>(slope: T, change: T) -> T {
     let zero = T::from(0.0);
-    let term = |slope: T, change: T| if change == zero { zero } else { slope * change };
-    let second = term(change, x.first * x.first) + term(slope, x.second);
-    Jet { value, first: term(slope, x.first), second }
+    if change == zero { zero } else { slope * change }
+}
+
+/// `factor * x^exponent`, but zero for a factor of zero: `0 * 0^-1` is the derivative of a constant.
+#[inline]
+fn scaled_power<T: Number>(factor: T, x: T, exponent: T) -> T {
+    let zero = T::from(0.0);
+    if factor == zero { zero } else { factor * x.power(exponent) }
 }
 
 impl<T: Number> From<f64> for Jet<T> {

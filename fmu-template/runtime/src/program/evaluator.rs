@@ -63,6 +63,13 @@ struct ColumnWork {
     gradient: Vec<f64>,
 }
 
+impl ColumnWork {
+    fn new(width: usize) -> Self {
+        let zeros = vec![0.0; width];
+        Self { point: zeros.clone(), rates: [zeros.clone(), zeros.clone()], gradient: zeros }
+    }
+}
+
 impl Evaluator {
     /// Lays out the weights and chooses the instruction set.
     pub(crate) fn of(metadata: &Metadata, program: &Program) -> Self {
@@ -84,7 +91,6 @@ impl Evaluator {
             simd: Simd::detect(),
         };
         let width = prepared.columns.width(prepared.values);
-        let zeros = || vec![0.0; width];
         let solver = program.integration().map(|_| {
             let driven = inputs.iter().filter(|input| input.role == Role::Input);
             let ranges = driven.map(|input| [input.min, input.max]).collect();
@@ -93,7 +99,7 @@ impl Evaluator {
         });
         let work = EvaluatorScratch {
             graph: prepared.graph.scratch(),
-            columns: ColumnWork { point: zeros(), rates: [zeros(), zeros()], gradient: zeros() },
+            columns: ColumnWork::new(width),
             solver,
             samples: prepared.sampling.as_ref().map(|sampling| Box::new(sampling.scratch())),
             results: vec![0.0; prepared.results],

@@ -45,9 +45,9 @@ impl From<Graph> for Program {
 impl Program {
     /// Equations of motion.
     pub fn of_motion(motion: Motion, integration: Integration) -> Self {
-        let step = |motion: Motion| Step::Motion { of: 0, motion: Box::new(motion) };
-        let graph = Graph { inputs: motion.columns(), steps: vec![step(motion)] };
-        Self { graph, clock: Clock::Continuous(integration) }
+        let inputs = motion.columns();
+        let steps = vec![Step::Motion { of: 0, motion: Box::new(motion) }];
+        Self { graph: Graph { inputs, steps }, clock: Clock::Continuous(integration) }
     }
 
     /// Integration of continuous states, if the program has any.
@@ -82,8 +82,7 @@ impl Program {
     /// Scale of each continuous state.
     pub fn scales(&self, states: &[State]) -> Vec<Scale> {
         let first = self.graph.inputs.saturating_sub(states.len());
-        let is_angle = |state: usize| self.is_angle(first + state);
-        states.iter().enumerate().map(|(index, state)| Scale::new(state, is_angle(index))).collect()
+        (first..).zip(states).map(|(column, state)| Scale::new(state, self.is_angle(column))).collect()
     }
 
     /// Returns true if whole turns of a column change no other value.

@@ -30,11 +30,11 @@ pub struct Ports {
 impl Ports {
     /// Ports of a description.
     pub fn of(Metadata { inputs, states, outputs, .. }: &Metadata) -> Self {
-        let count = |is_wanted: fn(Role) -> bool| inputs.iter().filter(|input| is_wanted(input.role)).count();
+        let roles = inputs.iter().map(|input| input.role);
         Self {
-            parameters: count(|role| matches!(role, Role::Parameter(_))),
-            starts: count(|role| role == Role::Start),
-            inputs: count(|role| role == Role::Input),
+            parameters: roles.clone().filter(|role| matches!(role, Role::Parameter(_))).count(),
+            starts: roles.clone().filter(|role| *role == Role::Start).count(),
+            inputs: roles.filter(|role| *role == Role::Input).count(),
             states: states.len(),
             outputs: outputs.len(),
         }
@@ -80,13 +80,13 @@ impl Ports {
 
     /// Checks that variables are parameters, starts and inputs, in this order, without an encoding.
     pub(super) fn expect_order(&self, inputs: &[Input]) -> Result<(), FormatError> {
-        let place = |role: Role| match role {
+        let places = inputs.iter().map(|input| match input.role {
             Role::Parameter(_) => 0,
             Role::Start => 1,
             Role::Input => 2,
             Role::Time => 3,
-        };
-        let places: Vec<usize> = inputs.iter().map(|input| place(input.role)).collect();
+        });
+        let places: Vec<usize> = places.collect();
         if !places.is_sorted() || places.last() == Some(&3) {
             return Err(FormatError::Order);
         }

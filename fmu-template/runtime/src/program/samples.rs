@@ -174,10 +174,20 @@ struct Memory<'a> {
     phase: &'a mut f64,
 }
 
+/// A time between sample `k` and the next one.
+struct BetweenSamples {
+    /// Columns of the outputs at sample `k`.
+    now: Range<usize>,
+    /// Columns of the outputs at the next sample.
+    next: Range<usize>,
+    /// Share of the next sample in the outputs.
+    share: f64,
+}
+
 impl PreparedSampling {
     pub(super) fn new(sampling: Sampling, ports: Ports) -> Self {
-        let of_support = |support: &Support| [support.fading(), sampling.settling()];
-        let fading = sampling.support.as_ref().map_or([0.0; 2], of_support);
+        let support = sampling.support.as_ref();
+        let fading = support.map_or([0.0; 2], |support| [support.fading(), sampling.settling()]);
         Self { sampling, ports, fading }
     }
 
@@ -252,38 +262,41 @@ impl PreparedSampling {
         Memory { outputs, inputs, support, next, phase: &mut phase[0] }
     }
 
-    /// Columns of the outputs at sample `k` and at the next one, and the share of the latter in the outputs now.
-    fn around(&self, point: &[f64]) -> (Range<usize>, Range<usize>, f64) {
+    fn between(&self, point: &[f64]) -> BetweenSamples {
         let outputs = self.ports.outputs;
         let last = point.len() - 1;
         let first = self.ports.known();
         let next = last - self.sampling.numbers(&self.ports);
         // a sample that was missed a little is that sample
         let share = if point[last].abs() <= SAME { 0.0 } else { point[last].clamp(0.0, 1.0) };
-        (first..first + outputs, next..next + outputs, share)
+        BetweenSamples { now: first..first + outputs, next: next..next + outputs, share }
+    }
+
+    /// Writes the outputs between two samples, or their derivatives, from the columns or their derivatives.
+    #[inline]
+    fn blend(&self, BetweenSamples { now, next, share }: &BetweenSamples, from: &[f64], to: &mut [f64]) {
+        for ((to, now), next) in to.iter_mut().zip(&from[now.clone()]).zip(&from[next.clone()]) {
+            *to = now + share * (next - now);
+        }
+        self.add_direct(1.0, &from[self.ports.input_columns()], to);
     }
 
     /// Does a task at a point. Does not allocate. Outputs depend on the memory, and on inputs that act directly.
     pub(super) fn perform(&self, point: &[f64], task: Task) {
-        let (now, next, share) = self.around(point);
-        let blend = |from: &[f64], to: &mut [f64]| {
-            for ((to, now), next) in to.iter_mut().zip(&from[now.clone()]).zip(&from[next.clone()]) {
-                *to = now + share * (next - now);
-            }
-            self.add_direct(1.0, &from[self.ports.input_columns()], to);
-        };
+        let between = self.between(point);
         match task {
-            Task::Outputs(results) => blend(point, results),
+            Task::Outputs(results) => self.blend(&between, point, results),
             Task::Series { rates, first, second } => {
-                blend(rates[0], first);
+                self.blend(&between, rates[0], first);
                 match second {
-                    Some(second) if !rates[1].is_empty() => blend(rates[1], second),
+                    Some(second) if !rates[1].is_empty() => self.blend(&between, rates[1], second),
                     Some(second) => second.fill(0.0),
                     None => {}
                 }
             }
             Task::Adjoint { weights, gradient } => {
                 gradient.fill(0.0);
+                let BetweenSamples { now, next, share } = between;
                 for (output, weight) in weights.iter().enumerate() {
                     gradient[now.start + output] = (1.0 - share) * weight;
                     gradient[next.start + output] = share * weight;

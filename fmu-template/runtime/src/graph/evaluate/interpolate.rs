@@ -34,10 +34,9 @@ pub(in crate::graph) fn check(
     let expected = functions[0].widths()?;
     let outputs = expected.last().copied().unwrap_or_default();
     for (instant, function) in functions.iter().enumerate() {
-        let problem = |source| FormatError::OfInstant { instant, source: Box::new(source) };
         // they share their working memory
         if instant == 0 || function.inputs != functions[0].inputs || !sizes(function).eq(sizes(&functions[0])) {
-            let found = function.shape(columns - 1).map_err(problem)?;
+            let found = function.shape(columns - 1).map_err(|source| source.of_instant(instant))?;
             if found != expected {
                 return Err(FormatError::LayerSizes { instant, found, expected });
             }
@@ -46,7 +45,7 @@ pub(in crate::graph) fn check(
             }
         }
         if !function.is_network() {
-            return Err(problem(FormatError::NoNetwork { name: "function".into() }));
+            return Err(FormatError::NoNetwork { name: "function".into() }.of_instant(instant));
         }
     }
     Ok(outputs)
@@ -107,15 +106,16 @@ impl PreparedInstants {
 
     /// Working memory for graphs with these numbers of columns and outputs.
     pub(super) fn sides(&self, columns: usize, outputs: usize) -> Sides {
-        let [point, output] = [columns - 1, outputs].map(|length| vec![0.0; length]);
-        let both = || [output.clone(), output.clone()];
+        let point = vec![0.0; columns - 1];
+        let points = [point.clone(), point.clone()];
+        let results = [vec![0.0; outputs], vec![0.0; outputs]];
         Sides {
-            rates: [point.clone(), point.clone()],
-            gradient: [point.clone(), point.clone()],
             point,
-            values: both(),
-            first: both(),
-            second: both(),
+            rates: points.clone(),
+            values: results.clone(),
+            first: results.clone(),
+            second: results,
+            gradient: points,
             scratch: self.functions[0].scratch(),
         }
     }

@@ -150,8 +150,8 @@ impl NestedStep {
                 let task = Task::Series { rates: [direction, &[]], first: derivative, second: None };
                 self.perform(point, task, work);
                 // with an infinite change, a weight of zero would make NaN
-                let product = |(weight, change): (&f64, &f64)| if *weight == 0.0 { 0.0 } else { weight * change };
-                *to = weights.iter().zip(&*derivative).map(product).sum();
+                let products = weights.iter().zip(&*derivative).map(|(w, dy)| if *w == 0.0 { 0.0 } else { w * dy });
+                *to = products.sum();
             }
         }
         doubles_mut(&mut from.second).iter_mut().zip(&*gradient).for_each(|(sum, more)| *sum += more);

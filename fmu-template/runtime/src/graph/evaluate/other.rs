@@ -179,8 +179,8 @@ impl OtherStep {
                 conditions.for_each(|(i, condition)| N::load(if *condition > T::ZERO { a } else { b }, i).store(to, i));
             }
             Self::Columns { columns } => {
-                let column = |[of, column]: &[u32; 2]| N::load(&before[*of as usize], *column as usize);
-                columns.iter().enumerate().for_each(|(i, from)| column(from).store(to, i));
+                let places = columns.iter().enumerate();
+                places.for_each(|(i, [of, column])| N::load(&before[*of as usize], *column as usize).store(to, i));
             }
             Self::Shift { of, centre, factor, offset } => {
                 let numbers = centre.iter().zip(factor).zip(offset).enumerate();
@@ -224,19 +224,13 @@ impl OtherStep {
             return products.adjoint(y, change, &mut before[*of].second);
         }
         let change = &*change;
-        let number = |of: &[Lanes<T, WIDTH>], index: usize| -> f64 { flat(of)[index].into() };
-        let value = |before: &[Series<T, WIDTH>], of: usize, index: usize| number(&before[of].value, index);
-        let add = |before: &mut [Series<T, WIDTH>], of: usize, index: usize, more: f64| {
-            let to = &mut flat_mut(&mut before[of].second)[index];
-            *to = *to + T::narrow(more);
-        };
-        let changes = (0..width).map(|i| (i, number(change, i))).filter(|(_, change)| *change != 0.0);
+        let changes = (0..width).map(|i| (i, number_at(change, i))).filter(|(_, change)| *change != 0.0);
         match self {
             Self::Elementwise { of, function, parameters } => {
                 let parameters = Parameters::new(*function, parameters, width);
                 for (i, change) in changes {
-                    let [_, slope, _] = function.series(value(before, *of, i), parameters.of(i));
-                    add(before, *of, i, slope * change);
+                    let [_, slope, _] = function.series(number_at(&before[*of].value, i), parameters.of(i));
+                    add_to_cotangent(&mut before[*of], i, slope * change);
                 }
             }
             Self::Combine { of: [a, b], operation: Operation::Add } => {
@@ -247,50 +241,75 @@ impl OtherStep {
             }
             Self::Combine { of: [a, b], operation } => {
                 for (i, change) in changes {
-                    let [of_a, of_b] = slopes(*operation, value(before, *a, i), value(before, *b, i));
-                    add(before, *a, i, of_a * change);
-                    add(before, *b, i, of_b * change);
+                    let [of_a, of_b] =
+                        slopes(*operation, number_at(&before[*a].value, i), number_at(&before[*b].value, i));
+                    add_to_cotangent(&mut before[*a], i, of_a * change);
+                    add_to_cotangent(&mut before[*b], i, of_b * change);
                 }
             }
             Self::Select { of: [condition, a, b] } => {
                 for (i, change) in changes {
-                    let chosen = if value(before, *condition, i) > 0.0 { a } else { b };
-                    add(before, *chosen, i, change);
+                    let chosen = if number_at(&before[*condition].value, i) > 0.0 { a } else { b };
+                    add_to_cotangent(&mut before[*chosen], i, change);
                 }
             }
             Self::Columns { columns } => {
                 for (i, change) in changes {
                     let [of, column] = columns[i];
-                    add(before, of as usize, column as usize, change);
+                    add_to_cotangent(&mut before[of as usize], column as usize, change);
                 }
             }
-            Self::Shift { of, factor, .. } => changes.for_each(|(i, change)| add(before, *of, i, factor[i] * change)),
-            Self::Normalize { of, epsilon } => {
-                let share = 1.0 / width as f64;
-                let mean = share * (0..width).map(|i| value(before, *of, i)).sum::<f64>();
-                let variance = share * (0..width).map(|i| (value(before, *of, i) - mean).powi(2)).sum::<f64>();
-                let inverse = 1.0 / (variance + epsilon).sqrt();
-                let average = share * (0..width).map(|i| number(change, i)).sum::<f64>();
-                let along = share * (0..width).map(|i| number(change, i) * number(y, i)).sum::<f64>();
-                for i in 0..width {
-                    add(before, *of, i, inverse * (number(change, i) - average - along * number(y, i)));
-                }
+            Self::Shift { of, factor, .. } => {
+                changes.for_each(|(i, change)| add_to_cotangent(&mut before[*of], i, factor[i] * change))
             }
+            Self::Normalize { of, epsilon } => normalize_adjoint(*epsilon, &mut before[*of], y, change, width),
             Self::Softmax { of } => {
-                let along: f64 = (0..width).map(|i| number(change, i) * number(y, i)).sum();
-                (0..width).for_each(|i| add(before, *of, i, number(y, i) * (number(change, i) - along)));
+                let along: f64 = (0..width).map(|i| number_at(change, i) * number_at(y, i)).sum();
+                (0..width).for_each(|i| {
+                    add_to_cotangent(&mut before[*of], i, number_at(y, i) * (number_at(change, i) - along))
+                });
             }
             Self::Distances { of, centres, inverse_lengths } => {
                 for (i, change) in changes {
                     let centre = &centres[i * inverse_lengths.len()..][..inverse_lengths.len()];
                     for (column, (centre, inverse)) in centre.iter().zip(inverse_lengths).enumerate() {
-                        let distance = value(before, *of, column) - centre;
-                        add(before, *of, column, 2.0 * change * distance * inverse * inverse);
+                        let distance = number_at(&before[*of].value, column) - centre;
+                        add_to_cotangent(&mut before[*of], column, 2.0 * change * distance * inverse * inverse);
                     }
                 }
             }
             Self::Forest { .. } | Self::Products { .. } => {}
         }
+    }
+}
+
+#[inline(always)]
+fn number_at<T: Real, const WIDTH: usize>(of: &[Lanes<T, WIDTH>], index: usize) -> f64 {
+    flat(of)[index].into()
+}
+
+#[inline(always)]
+fn add_to_cotangent<T: Real, const WIDTH: usize>(of: &mut Series<T, WIDTH>, index: usize, more: f64) {
+    let sum = &mut flat_mut(&mut of.second)[index];
+    *sum = *sum + T::narrow(more);
+}
+
+/// [`OtherStep::adjoint`] of [`normalize`].
+fn normalize_adjoint<T: Real, const WIDTH: usize>(
+    epsilon: f64,
+    of: &mut Series<T, WIDTH>,
+    y: &[Lanes<T, WIDTH>],
+    change: &[Lanes<T, WIDTH>],
+    width: usize,
+) {
+    let share = 1.0 / width as f64;
+    let mean = share * (0..width).map(|i| number_at(&of.value, i)).sum::<f64>();
+    let variance = share * (0..width).map(|i| (number_at(&of.value, i) - mean).powi(2)).sum::<f64>();
+    let inverse = 1.0 / (variance + epsilon).sqrt();
+    let average = share * (0..width).map(|i| number_at(change, i)).sum::<f64>();
+    let along = share * (0..width).map(|i| number_at(change, i) * number_at(y, i)).sum::<f64>();
+    for i in 0..width {
+        add_to_cotangent(of, i, inverse * (number_at(change, i) - average - along * number_at(y, i)));
     }
 }
 
@@ -358,8 +377,11 @@ fn normalize<N: Cell, T: Real, const WIDTH: usize>(
 ) {
     let share = 1.0 / width as f64;
     let mean = (0..width).fold(N::from(0.0), |sum, i| sum + N::load(from, i)).scaled(share);
-    let square = |difference: N| difference * difference;
-    let variance = (0..width).fold(N::from(0.0), |sum, i| sum + square(N::load(from, i) - mean)).scaled(share);
+    let squares = (0..width).fold(N::from(0.0), |sum, i| {
+        let difference = N::load(from, i) - mean;
+        sum + difference * difference
+    });
+    let variance = squares.scaled(share);
     let inverse = (variance + N::from(epsilon)).through(|x| Elementwise::Power.series(x, [-0.5, 0.0]));
     (0..width).for_each(|i| ((N::load(from, i) - mean) * inverse).store(to, i));
 }

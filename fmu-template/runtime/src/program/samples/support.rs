@@ -148,10 +148,10 @@ impl Support {
 
     /// Distance of a transition with these measures. Does not allocate.
     pub fn distance(&self, measures: &[f64]) -> f64 {
-        let measures = || measures.iter().zip(&self.ranges);
+        let measures = measures.iter().zip(&self.ranges);
         // usually all are inside, which takes less time than their distances
-        if measures().fold(false, |outside, (value, [min, max])| outside | (value < min) | (value > max)) {
-            return measures().map(|(value, range)| distance(*value, *range)).fold(0.0, f64::max).min(f64::MAX);
+        if measures.clone().fold(false, |outside, (value, [min, max])| outside | (value < min) | (value > max)) {
+            return measures.map(|(value, range)| distance(*value, *range)).fold(0.0, f64::max).min(f64::MAX);
         }
         0.0
     }
