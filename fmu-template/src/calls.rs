@@ -42,14 +42,20 @@ fn header<C: Call>(functions: &[C]) -> String {
 
 /// The states of a row for each set of interfaces, as C.
 fn sets(row: Row) -> String {
-    let of = |letter, name: &str| {
-        let states = InstanceState::ALL.into_iter().filter(|state| row.get(2 * *state as usize) == Some(&letter));
-        let states: Vec<&str> = states.map(constant).collect();
-        (!states.is_empty()).then(|| format!("{name}({})", states.join(" | ")))
-    };
-    let sets = [of(b'x', "IN_BOTH"), of(b'c', "IN_CO_SIMULATION"), of(b'm', "IN_MODEL_EXCHANGE")];
+    let sets = [
+        marked_states(row, b'x', "IN_BOTH"),
+        marked_states(row, b'c', "IN_CO_SIMULATION"),
+        marked_states(row, b'm', "IN_MODEL_EXCHANGE"),
+    ];
     let sets: Vec<String> = sets.into_iter().flatten().collect();
     if sets.is_empty() { "0".to_owned() } else { sets.join(" |\n        ") }
+}
+
+/// The states that a row marks with a letter, as a call of a macro; none if there are none.
+fn marked_states(row: Row, letter: u8, name: &str) -> Option<String> {
+    let states = InstanceState::ALL.into_iter().filter(|state| row.get(2 * *state as usize) == Some(&letter));
+    let states: Vec<&str> = states.map(constant).collect();
+    (!states.is_empty()).then(|| format!("{name}({})", states.join(" | ")))
 }
 
 /// The constant of instance.h for a state.

@@ -17,6 +17,7 @@ use crate::{
 };
 use std::{
     ffi::{CStr, c_char, c_int, c_uint, c_void},
+    path::PathBuf,
     ptr::null_mut,
 };
 use table::Function;
@@ -71,20 +72,29 @@ unsafe extern "C" fn fmi2Instantiate(
     // SAFETY: not null and the host's promise
     let name = if instanceName.is_null() { c"" } else { unsafe { CStr::from_ptr(instanceName) } };
     let logger = Logger::fmi2(callback, functions.environment, name, loggingOn != 0);
-    let arguments = || {
-        let interface = match fmuType {
-            MODEL_EXCHANGE => Interface::ModelExchange,
-            CO_SIMULATION => Interface::CoSimulation,
-            found => return Err(InstantiationError::Type { found }),
-        };
-        // SAFETY: the host's promise
-        let (token, resources) = unsafe { (text(fmuGUID), text(fmuResourceLocation)) };
-        let resources = location::directory(resources.map_err(InstantiationError::text("fmuResourceLocation"))?)?;
-        let token = token.map_err(InstantiationError::text("fmuGUID"))?.to_owned();
-        Ok((InstanceKind { version: Version::Fmi2, interface, event_mode: false }, token, resources))
+    // SAFETY: the host's promise
+    unsafe {
+        instantiate("fmi2Instantiate", instanceName, logger, None, &|| arguments(fmuType, fmuGUID, fmuResourceLocation))
+    }
+}
+
+/// # Safety
+/// The host's promise.
+unsafe fn arguments(
+    kind: c_int,
+    token: *const c_char,
+    resources: *const c_char,
+) -> Result<(InstanceKind, String, PathBuf), InstantiationError> {
+    let interface = match kind {
+        MODEL_EXCHANGE => Interface::ModelExchange,
+        CO_SIMULATION => Interface::CoSimulation,
+        found => return Err(InstantiationError::Type { found }),
     };
     // SAFETY: the host's promise
-    unsafe { instantiate("fmi2Instantiate", instanceName, logger, None, &arguments) }
+    let (token, resources) = unsafe { (text(token), text(resources)) };
+    let resources = location::directory(resources.map_err(InstantiationError::text("fmuResourceLocation"))?)?;
+    let token = token.map_err(InstantiationError::text("fmuGUID"))?.to_owned();
+    Ok((InstanceKind { version: Version::Fmi2, interface, event_mode: false }, token, resources))
 }
 
 #[unsafe(no_mangle)]

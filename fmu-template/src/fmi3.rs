@@ -96,8 +96,7 @@ unsafe extern "C" fn fmi3InstantiateCoSimulation(
                 instantiate(NAME, instanceName, logger, updates, &|| arguments(kind, instantiationToken, resourcePath))
             }
             Err(refusal) => {
-                let argument = || Err(InstantiationError::Argument(refusal.clone()));
-                instantiate(NAME, instanceName, logger, None, &argument)
+                instantiate(NAME, instanceName, logger, None, &|| Err(InstantiationError::Argument(refusal.clone())))
             }
         }
     }

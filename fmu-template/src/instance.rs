@@ -133,7 +133,7 @@ impl Instance {
         let metadata = surrogate.metadata();
         let (values, results) = (vec![0.0; evaluator.columns()], vec![0.0; evaluator.results()]);
         let measured = evaluator.measured_columns().unwrap_or_default();
-        let is_input = |&column: &usize| metadata.inputs[column].role == Role::Input;
+        let input_columns = (0..metadata.inputs.len()).filter(|column| metadata.inputs[*column].role == Role::Input);
         let now = Snapshot {
             surrogate: fingerprint(format!("{token}{:?}{:?}", kind.version, kind.interface).as_bytes()),
             state: InstanceState::Instantiated,
@@ -154,7 +154,7 @@ impl Instance {
             domain: Domain::of(&surrogate),
             evaluator,
             time_column: surrogate.time_column(),
-            input_columns: (0..metadata.inputs.len()).filter(is_input).chain(measured.clone()).collect(),
+            input_columns: input_columns.chain(measured.clone()).collect(),
             measured,
             nominals: metadata.states.iter().map(|state| state.nominal).collect(),
             before: now.clone(),
@@ -197,10 +197,11 @@ impl Instance {
     #[cold]
     fn illegal(&self, row: Row) -> Refusal {
         let interface = self.kind.interface;
-        let is_possible = |state: &InstanceState| *state != InstanceState::IntermediateUpdate || self.offers_updates();
-        let legal =
-            InstanceState::ALL.into_iter().filter(is_possible).filter(|state| state.allows(row, interface)).collect();
-        Refusal::IllegalState { state: self.now.state, legal }
+        let legal = InstanceState::ALL
+            .into_iter()
+            .filter(|state| *state != InstanceState::IntermediateUpdate || self.offers_updates())
+            .filter(|state| state.allows(row, interface));
+        Refusal::IllegalState { state: self.now.state, legal: legal.collect() }
     }
 
     /// Warnings about calls that were carried out; the list is empty afterwards.

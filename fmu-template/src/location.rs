@@ -46,10 +46,9 @@ pub(crate) fn file(folder: &Path, name: &str) -> PathBuf {
 
 /// `windows` is an argument so that both families of paths are tested on every machine.
 fn path(uri: &str, windows: bool) -> Result<String, LocationError> {
-    let uri_again = || uri.to_owned();
-    let (scheme, rest) = uri.split_once(':').ok_or_else(|| LocationError::Scheme { uri: uri_again() })?;
+    let (scheme, rest) = uri.split_once(':').ok_or_else(|| LocationError::Scheme { uri: uri.to_owned() })?;
     if !scheme.eq_ignore_ascii_case("file") {
-        return Err(LocationError::Scheme { uri: uri_again() });
+        return Err(LocationError::Scheme { uri: uri.to_owned() });
     }
     let (host, path) = match rest.strip_prefix("//") {
         Some(rest) => rest.split_at(rest.find('/').unwrap_or(rest.len())),
@@ -60,13 +59,13 @@ fn path(uri: &str, windows: bool) -> Result<String, LocationError> {
         return Ok(format!("{host}{path}")); // file://C:/folder, one slash short but in use
     }
     if !path.starts_with('/') {
-        return Err(LocationError::Relative { uri: uri_again() });
+        return Err(LocationError::Relative { uri: uri.to_owned() });
     }
     if !(host.is_empty() || host.eq_ignore_ascii_case("localhost")) {
         if windows {
             return Ok(format!("//{host}{path}")); // a network share
         }
-        return Err(LocationError::Host { uri: uri_again(), host: host.to_owned() });
+        return Err(LocationError::Host { uri: uri.to_owned(), host: host.to_owned() });
     }
     match path.get(1..3) {
         Some(drive) if windows && is_drive(drive) => Ok(path[1..].to_owned()),

@@ -100,7 +100,6 @@ impl Snapshot {
     /// # Errors
     /// [`Refusal::StateSize`], [`Refusal::DamagedState`] or [`Refusal::ForeignState`].
     pub(crate) fn from_bytes(bytes: &[u8], like: &Self) -> Result<Self, Refusal> {
-        let damaged = |reason| Refusal::DamagedState { reason };
         if bytes.get(..MAGIC.len()) != Some(&MAGIC) {
             return Err(damaged("it does not begin with the magic number and version"));
         }
@@ -114,10 +113,14 @@ impl Snapshot {
             return Err(Refusal::StateSize { found: bytes.len(), expected: like.size() });
         }
         let [state, experiment, policy, changed] = take(&mut numbers)?;
-        let mut number = || take(&mut numbers).map(f64::from_le_bytes);
-        let [time, start_time, stop_time, tolerance] = [number()?, number()?, number()?, number()?];
-        let mut columns = || (0..like.values.len()).map(|_| number()).collect::<Result<Vec<_>, _>>();
-        let (values, at_start, rates) = (columns()?, columns()?, [columns()?, columns()?]);
+        let time = take_number(&mut numbers)?;
+        let start_time = take_number(&mut numbers)?;
+        let stop_time = take_number(&mut numbers)?;
+        let tolerance = take_number(&mut numbers)?;
+        let count = like.values.len();
+        let values = take_numbers(&mut numbers, count)?;
+        let at_start = take_numbers(&mut numbers, count)?;
+        let rates = [take_numbers(&mut numbers, count)?, take_numbers(&mut numbers, count)?];
         if u64::from_le_bytes(take(&mut numbers)?) != fingerprint(&bytes[..bytes.len() - 8]) {
             return Err(damaged("the checksum does not match"));
         }
@@ -146,6 +149,18 @@ fn take<const N: usize>(bytes: &mut impl Iterator<Item = u8>) -> Result<[u8; N],
         *byte = bytes.next().ok_or(Refusal::DamagedState { reason: "it is cut short" })?;
     }
     Ok(taken)
+}
+
+fn take_number(bytes: &mut impl Iterator<Item = u8>) -> Result<f64, Refusal> {
+    take(bytes).map(f64::from_le_bytes)
+}
+
+fn take_numbers(bytes: &mut impl Iterator<Item = u8>, count: usize) -> Result<Vec<f64>, Refusal> {
+    (0..count).map(|_| take_number(bytes)).collect()
+}
+
+fn damaged(reason: &'static str) -> Refusal {
+    Refusal::DamagedState { reason }
 }
 
 /// FNV-1a, 64 bits: any change of a single byte changes it.

@@ -19,8 +19,9 @@ impl Instance {
 
     pub(super) fn is_in_domain(&self) -> bool {
         let Snapshot { changed, time, values, .. } = &self.now;
-        let is_changed = |(column, &value)| self.is_changed(column, value, *time);
-        !changed && self.domain.contains_point(values, self.near) && !values.iter().enumerate().any(is_changed)
+        !changed
+            && self.domain.contains_point(values, self.near)
+            && !values.iter().enumerate().any(|(column, value)| self.is_changed(column, *value, *time))
     }
 
     #[inline(always)]
@@ -38,12 +39,13 @@ impl Instance {
     // not compiled into every step, which it would slow down under each policy
     #[inline(never)]
     fn check_strictly(&self, column: usize, value: f64, time: f64, status: Status) -> Result<(), Refusal> {
-        let name = || self.column_name(column);
         if !self.domain.contains(column, value) {
-            return Err(Refusal::OutsideDomain { name: name(), value, valid: self.valid(column), status });
+            let name = self.column_name(column);
+            return Err(Refusal::OutsideDomain { name, value, valid: self.valid(column), status });
         }
         if self.is_changed(column, value, time) {
-            return Err(Refusal::Changed { name: name(), from: self.now.at_start[column], to: value, status });
+            let name = self.column_name(column);
+            return Err(Refusal::Changed { name, from: self.now.at_start[column], to: value, status });
         }
         Ok(())
     }

@@ -132,15 +132,14 @@ impl Instance {
     /// Makes sure that no state that a solver around the FMU has accepted is beyond what is plausible.
     pub(super) fn expect_plausible(&self) -> Result<(), Refusal> {
         let limits = self.metadata.states.iter().map(metafmu_runtime::State::limit);
-        // also of what is not a number
-        let is_within = |(_, (value, limit)): &(usize, (&f64, f64))| value.abs() <= *limit;
-        match self.states().iter().zip(limits).enumerate().find(|state| !is_within(state)) {
-            None => Ok(()),
-            Some((state, (value, _))) => {
+        for (state, (value, limit)) in self.states().iter().zip(limits).enumerate() {
+            // a NaN is implausible as well
+            if value.is_nan() || value.abs() > limit {
                 let of = self.implausible(state, *value);
-                Err(Refusal::Implausible { after: None, of, status: Status::Error })
+                return Err(Refusal::Implausible { after: None, of, status: Status::Error });
             }
         }
+        Ok(())
     }
 
     fn implausible(&self, state: usize, value: f64) -> Implausible {

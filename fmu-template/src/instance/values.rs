@@ -218,7 +218,6 @@ impl Instance {
     /// The target of a call that sets a variable to this value now.
     #[inline]
     fn settable(&self, reference: u32, value: f64) -> Result<Settable, Refusal> {
-        let name = || self.name(reference);
         match self.quantity(reference)? {
             Quantity::Input(column) => match self.metadata.inputs[column].role {
                 Role::Input => Ok(Settable::Column(column)),
@@ -232,13 +231,15 @@ impl Instance {
             Quantity::Measured(output) => Ok(Settable::Column(self.measured.start + output)),
             // in both standards, beside fmi3SetContinuousStates
             Quantity::State(state) if self.is_trial() => Ok(Settable::Column(self.metadata.inputs.len() + state)),
-            Quantity::State(_) => Err(Refusal::SetState { name: name(), reference }),
-            Quantity::Output(_) | Quantity::Array(_) => Err(Refusal::SetOutput { name: name(), reference }),
+            Quantity::State(_) => Err(Refusal::SetState { name: self.name(reference), reference }),
+            Quantity::Output(_) | Quantity::Array(_) => {
+                Err(Refusal::SetOutput { name: self.name(reference), reference })
+            }
             // local variables, or outputs where the FMU has ports for them
             Quantity::Derivative(_)
             | Quantity::Bound(_)
             | Quantity::BuiltIn(BuiltIn::DomainDistance | BuiltIn::InDomain) => {
-                Err(Refusal::SetComputed { name: name(), reference })
+                Err(Refusal::SetComputed { name: self.name(reference), reference })
             }
             Quantity::BuiltIn(BuiltIn::Time) => self.present_time(reference, value),
             Quantity::BuiltIn(BuiltIn::UseMeasured) => Ok(Settable::UseMeasured),

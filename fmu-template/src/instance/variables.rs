@@ -33,10 +33,11 @@ pub(super) struct InstanceVariables {
 impl InstanceVariables {
     pub(super) fn new(surrogate: &Surrogate, version: Version) -> Self {
         let table = surrogate.variables();
-        let has = |variable: &&Variable| version == Version::Fmi3 || !variable.only_fmi3;
         let arrays = if version == Version::Fmi3 { surrogate.arrays().len() } else { 0 };
-        let mut all: Vec<Option<Variable>> =
-            (0..table.reference_count()).map(|reference| table.get(reference).filter(has).cloned()).collect();
+        let mut all: Vec<Option<Variable>> = (0..table.reference_count())
+            .map(|reference| table.get(reference).filter(|variable| version == Version::Fmi3 || !variable.only_fmi3))
+            .map(Option::<&Variable>::cloned)
+            .collect();
         all.truncate(all.iter().rposition(Option::is_some).map_or(0, |last| last + 1));
         Self {
             all,
@@ -57,8 +58,9 @@ impl InstanceVariables {
 
     /// Value reference of the variable with this quantity, if the version has it.
     pub(super) fn reference(&self, quantity: Quantity) -> Option<u32> {
-        let is_wanted = |variable: &Option<Variable>| variable.as_ref().is_some_and(|v| v.quantity == quantity);
-        self.all.iter().position(is_wanted).map(|reference| reference as u32)
+        let reference =
+            self.all.iter().position(|variable| variable.as_ref().is_some_and(|v| v.quantity == quantity))?;
+        Some(reference as u32)
     }
 
     /// Error bound of an output that has one, `elapsed` seconds after the start.
