@@ -56,16 +56,17 @@ impl Bends {
 
     /// Bends at values, in ascending order. Without a period the width of a bend is the distance to its neighbor.
     pub(crate) fn at(values: &[f64], period: Option<f64>) -> Self {
-        let neighbor = |from: usize, to: Option<usize>| match (to.and_then(|to| values.get(to)), period) {
-            (Some(neighbor), _) => (neighbor - values[from]).abs(),
-            (None, Some(period)) => period - (values[values.len() - 1] - values[0]),
-            (None, None) => f64::INFINITY,
+        // from the last one to the first one of the next period
+        let between_periods = match (values, period) {
+            ([first, ..], Some(period)) => period - (values[values.len() - 1] - first),
+            _ => f64::INFINITY,
         };
-        let bend = |(index, at): (usize, &f64)| Bend {
-            at: *at,
-            width: neighbor(index, index.checked_sub(1)).min(neighbor(index, Some(index + 1))),
-        };
-        Self { list: values.iter().enumerate().map(bend).collect(), start: 0.0, period }
+        let bends = values.iter().enumerate().map(|(index, at)| {
+            let before = index.checked_sub(1).map_or(between_periods, |before| (values[before] - at).abs());
+            let after = values.get(index + 1).map_or(between_periods, |after| (after - at).abs());
+            Bend { at: *at, width: before.min(after) }
+        });
+        Self { list: bends.collect(), start: 0.0, period }
     }
 
     /// The bends, in ascending order.

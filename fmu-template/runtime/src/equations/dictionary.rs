@@ -254,11 +254,11 @@ impl Dictionary {
     /// Returns true if a product has a column as a factor of the first power at most.
     fn is_straight(&self, factors: Range<usize>, column: usize) -> bool {
         let mut of_column = self.factors[factors].iter().filter(|(of, _)| self.columns[*of].of == column);
-        let is_first_power = |(of, atom): &(usize, usize)| {
+        let is_first_power = of_column.next().is_none_or(|(of, atom)| {
             let Column { factor, atoms, .. } = &self.columns[*of];
             matches!(factor, ColumnFactor::Own(Factor::Power { .. })) && *atom == atoms.start
-        };
-        of_column.next().is_none_or(is_first_power) && of_column.next().is_none()
+        });
+        is_first_power && of_column.next().is_none()
     }
 
     /// Returns true if some of the factors are functions of a column.
@@ -345,9 +345,13 @@ impl Dictionary {
         }
     }
 
+    /// Returns true if a product has a function of this column as a factor.
+    fn uses(&self, index: usize) -> bool {
+        self.factors.iter().any(|(column, _)| *column == index)
+    }
+
     /// Writes the factors of these columns on a tape.
     pub(crate) fn write(&self, columns: &[Register], tape: &mut TapeBuilder) -> WrittenDictionary<'_> {
-        let is_used = |index: usize| self.factors.iter().any(|(column, _)| *column == index);
         // the derivative of the last one is not needed
         let mut slope = tape.zero;
         let mut written: Vec<WrittenColumn> = Vec::with_capacity(self.columns.len());
@@ -365,7 +369,7 @@ impl Dictionary {
                 }
                 ColumnFactor::Spline(table) => {
                     let order = (index - self.columns()) % SPLINE_POWERS;
-                    let is_needed = is_used(index) || order > 0 && is_used(index - 1);
+                    let is_needed = self.uses(index) || order > 0 && self.uses(index - 1);
                     let of_next = if order + 1 == SPLINE_POWERS { tape.zero } else { slope };
                     slope = if is_needed { tape.lookup(table, &[register]) } else { tape.zero };
                     WrittenColumn::Spline(slope, of_next)
@@ -447,23 +451,19 @@ impl WrittenDictionary<'_> {
         mut coefficient: f64,
         tape: &mut TapeBuilder,
     ) {
-        let (mut of_fixed, mut of_others) = (tape.one, tape.one);
-        let multiply = |factor: Register, of: [&mut Register; 2], tape: &mut TapeBuilder| {
-            let [of_fixed, of_others] = of;
-            let product = if tape.varies(factor) { of_others } else { of_fixed };
-            *product = tape.product(*product, factor);
-        };
+        let mut product = SplitProduct { of_fixed: tape.one, of_others: tape.one };
         for (index, &(column, atom)) in factors.iter().enumerate() {
             let mut exponent = self.dictionary.columns[column].exponent(atom);
             let written = &self.columns[column];
             if differentiated == Some(index) {
                 coefficient *= written.differentiate(&mut exponent);
                 if let WrittenColumn::Spline(_, slope) = written {
-                    multiply(*slope, [&mut of_fixed, &mut of_others], tape);
+                    product.multiply(*slope, tape);
                 }
             }
-            multiply(written.factor(exponent, tape), [&mut of_fixed, &mut of_others], tape);
+            product.multiply(written.factor(exponent, tape), tape);
         }
+        let SplitProduct { of_fixed, of_others } = product;
         let place = terms.binary_search_by_key(&of_others, |term| term.of).unwrap_or_else(|place| {
             terms.insert(place, SumTerm { of: of_others, constant: 0.0, fixed: tape.zero });
             place
@@ -512,6 +512,19 @@ impl WrittenColumn {
     }
 }
 
+/// A product of factors that follow from fixed inputs, and one of the others.
+struct SplitProduct {
+    of_fixed: Register,
+    of_others: Register,
+}
+
+impl SplitProduct {
+    fn multiply(&mut self, factor: Register, tape: &mut TapeBuilder) {
+        let product = if tape.varies(factor) { &mut self.of_others } else { &mut self.of_fixed };
+        *product = tape.product(*product, factor);
+    }
+}
+
 impl Column {
     /// Exponent of one of its atoms.
     fn exponent(&self, atom: usize) -> i16 {
@@ -525,41 +538,49 @@ impl Column {
     }
 
     fn compute(&self, x: f64, atoms: &mut [Atom]) {
-        let powers = |z: f64, scale: f64, atoms: &mut [Atom]| {
-            let mut power = 1.0;
-            for (order, atom) in (1u32..).zip(atoms) {
-                let slope = power * f64::from(order) * scale;
-                power *= z;
-                *atom = Atom { value: power, slope };
-            }
-        };
         match &self.factor {
             ColumnFactor::Own(Factor::Angle) => {
                 let pairs = atoms.as_chunks_mut::<2>().0;
                 if pairs.is_empty() {
                     return;
                 }
-                let pair =
-                    |k: f64, (s, c): (f64, f64)| [Atom { value: c, slope: -k * s }, Atom { value: s, slope: k * c }];
-                pairs[0] = pair(1.0, x.sin_cos());
+                let (sine, cosine) = x.sin_cos();
+                pairs[0] = harmonic(1.0, sine, cosine);
                 for order in 2..=pairs.len() {
                     // of the two halves, so that few rounding errors add up
                     let half = order / 2;
                     let ([c, s], [other_c, other_s]) =
                         (pairs[half - 1].map(|atom| atom.value), pairs[order - half - 1].map(|atom| atom.value));
-                    pairs[order - 1] = pair(order as f64, (s * other_c + c * other_s, c * other_c - s * other_s));
+                    pairs[order - 1] = harmonic(order as f64, s * other_c + c * other_s, c * other_c - s * other_s);
                 }
             }
             ColumnFactor::Own(Factor::Power { middle, half }) => {
                 let scale = half.recip();
-                powers((x - middle) * scale, scale, atoms);
+                fill_powers((x - middle) * scale, scale, atoms);
             }
             ColumnFactor::Spline(_) if atoms.is_empty() => {}
             ColumnFactor::Spline(table) => {
                 let Jet { value, first, .. } = table.series(&[Jet { value: x, first: 1.0, second: 0.0 }]);
-                powers(value, first, atoms);
+                fill_powers(value, first, atoms);
             }
         }
+    }
+}
+
+/// Cosine and sine of `order` times an angle, with their derivatives with respect to the angle.
+#[inline]
+fn harmonic(order: f64, sine: f64, cosine: f64) -> [Atom; 2] {
+    [Atom { value: cosine, slope: -order * sine }, Atom { value: sine, slope: order * cosine }]
+}
+
+/// Writes the powers of `z` from the first one on, and their derivatives; `scale` is the derivative of `z`.
+#[inline]
+fn fill_powers(z: f64, scale: f64, atoms: &mut [Atom]) {
+    let mut power = 1.0;
+    for (order, atom) in (1u32..).zip(atoms) {
+        let slope = power * f64::from(order) * scale;
+        power *= z;
+        *atom = Atom { value: power, slope };
     }
 }
 

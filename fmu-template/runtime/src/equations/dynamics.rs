@@ -26,16 +26,17 @@
 use super::{
     bends::BentArgument,
     efforts::Efforts,
-    function_set::{FunctionSet, NetworkTerm, WrittenNetwork},
-    switches,
-    tape::{Register, Tape, TapeBuilder, TapeWork, listing::Listing},
+    function_set::{FunctionSet, NetworkTerm},
+    tape::{Register, Tape, TapeWork, listing::Listing},
 };
 use crate::{
     FormatError,
     check::{expect_below, expect_shape},
     numbers::jet::{Jet, Number},
 };
-use std::{ops::Range, sync::Arc};
+use writer::EquationWriter;
+
+mod writer;
 
 /// The equations of motion with `n` coordinates and `m` inputs.
 #[derive(Clone, Debug, PartialEq)]
@@ -133,112 +134,7 @@ impl Dynamics {
 
     /// Writes the equations as they are now.
     fn write(mut self) -> Self {
-        let (n, m, p) = (self.coordinates, self.inputs(), self.parameters());
-        let (e, r) = (self.efforts.count(), self.efforts.positions());
-        let mut tape = TapeBuilder::new(self.force_columns(), n..n + p);
-        let input = |range: Range<usize>| -> Vec<Register> { range.map(Register::input).collect() };
-        let (q, v) = (input(0..n), input(n + p..2 * n + p));
-        let [parameters, u] = [input(n..n + p), input(2 * n + p..2 * n + p + m)];
-        let (zero, one) = (tape.zero, tape.one);
-        let function_set = self.function_set.dictionary().write(&input(0..n + p), &mut tape);
-        let differentiated = self.differentiated();
-        let network =
-            self.function_set.network().map(|network| network.write(&input(0..n + p), n, differentiated, &mut tape));
-        let columns = input(0..self.force_columns());
-        let forces = self.forces.as_ref().map(|network| network.write(&columns, 0, 0, &mut tape));
-        let added = |network: &Option<WrittenNetwork>, to, index, column, tape: &mut TapeBuilder| match network {
-            Some(network) => network.added(to, index, column, tape),
-            None => to,
-        };
-        let function = |index: usize, tape: &mut TapeBuilder| {
-            let value = function_set.value(index, tape);
-            added(&network, value, index, None, tape)
-        };
-        let slope = |index: usize, k: usize, tape: &mut TapeBuilder| {
-            let value = function_set.slope(index, k, tape);
-            added(&network, value, index, Some(k), tape)
-        };
-        let potential = n * (n + 1) / 2;
-        let force = potential + 1 + r;
-        let (damping, effort_map) = (force + n, force + n + n * n);
-        let mut energies: Vec<Register> = (0..=potential).map(|index| function(index, &mut tape)).collect();
-        for k in (0..n).filter(|k| self.is_uniform(*k)) {
-            let uniform = function(force + k, &mut tape);
-            energies[potential] = tape.subtract_product(energies[potential], uniform, q[k]);
-        }
-        let slopes: Vec<Register> = (0..potential * n).map(|index| slope(index / n, index % n, &mut tape)).collect();
-        // positions and their rates
-        let mut motion = [Vec::new(), Vec::new()];
-        for (index, windings) in self.efforts.windings().chunks(n).enumerate() {
-            let (mut value, mut rate) = (function(potential + 1 + index, &mut tape), zero);
-            for (k, winding) in windings.iter().enumerate() {
-                value = tape.add_scaled(value, q[k], *winding);
-                let slope = slope(potential + 1 + index, k, &mut tape);
-                let winding = tape.constant(*winding);
-                let slope = tape.add_product(winding, slope, one);
-                rate = tape.add_product(rate, slope, v[k]);
-            }
-            motion[0].push(value);
-            motion[1].push(rate);
-        }
-        let of_formulas = [parameters, u, motion.concat()].concat();
-        let mut efforts = Vec::with_capacity(e);
-        for formula in self.efforts.formulas() {
-            efforts.push(formula.write(&of_formulas, &mut tape));
-            let group = tape.new_group();
-            let varies = |column: usize| tape.varies(of_formulas[column]);
-            for argument in switches::bent_arguments(formula, &varies) {
-                let of = argument.formula.write(&of_formulas, &mut tape);
-                tape.add_bends(of, &Arc::new(argument.bends), group);
-            }
-        }
-        let mut sides = Vec::with_capacity(n);
-        for i in 0..n {
-            let has_force = !(self.prescribed[i] && self.is_uniform(i));
-            let mut side = if has_force { function(force + i, &mut tape) } else { zero };
-            side = added(&forces, side, i, None, &mut tape);
-            for (j, v) in v.iter().enumerate() {
-                let damping = function(damping + i * n + j, &mut tape);
-                side = tape.subtract_product(side, damping, *v);
-            }
-            for (j, effort) in efforts.iter().enumerate() {
-                let factor = function(effort_map + i * e + j, &mut tape);
-                side = tape.add_product(side, factor, *effort);
-            }
-            // inertia and potential do not act on what is prescribed
-            if !self.prescribed[i] {
-                side = function_set.add_slope(side, potential, i, -1.0, &mut tape);
-                let of_network = added(&network, zero, potential, Some(i), &mut tape);
-                side = tape.add_scaled(side, of_network, -1.0);
-                for (j, k) in (0..n).flat_map(|j| (0..=j).map(move |k| (j, k))) {
-                    let mut terms = of_velocities([i, j, k], |a, b, c| slopes[entry(a, b) * n + c]);
-                    terms.retain(|(of, weight)| !tape.is_zero(*of) && *weight != 0.0);
-                    let (factor, weight) = match terms[..] {
-                        [] => continue,
-                        [term] => term,
-                        _ => (tape.weighted(&terms), 1.0),
-                    };
-                    let weighted_v = tape.add_scaled(zero, v[j], -weight);
-                    let velocities = tape.product(weighted_v, v[k]);
-                    side = tape.add_product(side, factor, velocities);
-                }
-            }
-            sides.push(side);
-        }
-        let (prescribed, free): (Vec<usize>, Vec<usize>) = (0..n).partition(|&i| self.prescribed[i]);
-        for &i in &free {
-            for &j in &prescribed {
-                sides[i] = tape.subtract_product(sides[i], energies[entry(i, j)], sides[j]);
-            }
-        }
-        let mass = |i: usize, j: usize| energies[entry(free[i], free[j])];
-        let mut found: Vec<Register> = free.iter().map(|&i| sides[i]).collect();
-        solve(&mut tape, free.len(), mass, &mut found);
-        for (&i, found) in free.iter().zip(found) {
-            sides[i] = found;
-        }
-        let tape = tape.finish_for(&[efforts.as_slice(), &sides].concat());
-        self.written = Written { energies, efforts, accelerations: sides, tape };
+        self.written = EquationWriter::new(&self).write();
         self
     }
 
@@ -325,13 +221,14 @@ impl Dynamics {
     /// efforts may be a straight line along it.
     pub fn is_limited_along(&self, coordinate: usize) -> bool {
         let first = self.coordinates * (self.coordinates + 1) / 2 + 1;
-        let is_limited = |function: usize| match function.checked_sub(first) {
-            Some(position) if position < self.efforts.positions() && !self.efforts.has_position(position) => {
-                !self.function_set.function_is_straight(function, coordinate)
-            }
-            _ => self.function_set.function_depends_on(function, coordinate),
-        };
-        (0..self.function_set.dictionary().outputs()).any(is_limited)
+        let is_limited =
+            (0..self.function_set.dictionary().outputs()).any(|function| match function.checked_sub(first) {
+                Some(position) if position < self.efforts.positions() && !self.efforts.has_position(position) => {
+                    !self.function_set.function_is_straight(function, coordinate)
+                }
+                _ => self.function_set.function_depends_on(function, coordinate),
+            });
+        is_limited
             || self.efforts.depends_on(coordinate)
             || self.forces.as_ref().is_some_and(|forces| forces.depends_on(coordinate))
     }
@@ -339,8 +236,8 @@ impl Dynamics {
     /// Returns true if a force `F_k` other than zero acts on a coordinate, and no coordinate changes it.
     pub fn is_uniform(&self, coordinate: usize) -> bool {
         let force = self.differentiated() + coordinate;
-        let depends = |column: usize| self.function_set.function_depends_on(force, column);
-        !self.function_set.is_zero(force) && !(0..self.coordinates).any(depends)
+        !self.function_set.is_zero(force)
+            && !(0..self.coordinates).any(|column| self.function_set.function_depends_on(force, column))
     }
 
     /// Returns true if a velocity enters the network of forces, which may extrapolate it: elsewhere velocities enter
@@ -355,8 +252,8 @@ impl Dynamics {
         let (n, e) = (self.coordinates, self.efforts.count());
         let first = self.function_set.dictionary().outputs() - n * e;
         let column = 2 * n + self.parameters() + input;
-        let acts = |effort: usize| (0..n).any(|row| !self.function_set.is_zero(first + row * e + effort));
-        (0..e).any(|effort| self.efforts.follows_input(effort, input) && acts(effort))
+        let mut efforts = (0..e).filter(|effort| self.efforts.follows_input(*effort, input));
+        efforts.any(|effort| (0..n).any(|row| !self.function_set.is_zero(first + row * e + effort)))
             || self.forces.as_ref().is_some_and(|forces| forces.depends_on(column))
     }
 
@@ -364,9 +261,10 @@ impl Dynamics {
     pub fn is_conservative(&self) -> bool {
         let (n, first) = (self.coordinates, self.differentiated());
         let mut damping = first + n..first + n + n * n;
-        let has_potential = |k: usize| self.is_uniform(k) || self.function_set.is_zero(first + k);
         let is_free = self.forces.is_none() && !self.is_driven && self.efforts.are_inputs();
-        is_free && (0..n).all(has_potential) && damping.all(|function| self.function_set.is_zero(function))
+        is_free
+            && (0..n).all(|k| self.is_uniform(k) || self.function_set.is_zero(first + k))
+            && damping.all(|function| self.function_set.is_zero(function))
     }
 
     /// Number of columns `(q, p, v, u)`.
@@ -453,14 +351,14 @@ impl Dynamics {
     pub(super) fn energies<T: Number>(&self, v: impl Fn(usize) -> T, work: &mut TapeWork<T>) -> [T; 2] {
         let n = self.coordinates;
         self.written.tape.run_rest(work);
-        let function = |index: usize| work.get(self.written.energies[index]);
+        let energies = &self.written.energies;
         let mut kinetic = T::from(0.0);
         for i in 0..n {
             for j in 0..n {
-                kinetic = kinetic + v(i) * function(entry(i, j)) * v(j);
+                kinetic = kinetic + v(i) * work.get(energies[entry(i, j)]) * v(j);
             }
         }
-        [kinetic.scaled(0.5), function(n * (n + 1) / 2)]
+        [kinetic.scaled(0.5), work.get(energies[n * (n + 1) / 2])]
     }
 
     /// One step of the classical Runge-Kutta method of order 4 over `h` seconds with constant inputs: `q` and `v` are replaced.
@@ -539,54 +437,6 @@ impl Dynamics {
 fn entry(i: usize, j: usize) -> usize {
     let (row, column) = (i.max(j), i.min(j));
     row * (row + 1) / 2 + column
-}
-
-/// Slopes of `M` and their weights whose sum is the factor of `v_j v_k` in `h_i`, from the slope of `M_ab` along `c`. Each slope occurs once.
-fn of_velocities([i, j, k]: [usize; 3], slope: impl Fn(usize, usize, usize) -> Register) -> Vec<(Register, f64)> {
-    let mut terms: Vec<(Register, f64)> = Vec::with_capacity(4);
-    // both orders of a pair
-    for (j, k) in [(j, k), (k, j)].into_iter().take(if j == k { 1 } else { 2 }) {
-        for (of, weight) in [(slope(i, j, k), 1.0), (slope(j, k, i), -0.5)] {
-            match terms.iter_mut().find(|(known, _)| *known == of) {
-                Some((_, sum)) => *sum += weight,
-                None => terms.push((of, weight)),
-            }
-        }
-    }
-    terms
-}
-
-/// Writes `x` in place of `b` with `M x = b`, by the factors `M = L D L^T`; NaN where a pivot is not positive.
-fn solve(tape: &mut TapeBuilder, n: usize, mass: impl Fn(usize, usize) -> Register, x: &mut [Register]) {
-    let zero = tape.zero;
-    // -L below the diagonal, L D above, 1 / D on it
-    let mut factors = vec![zero; n * n];
-    for i in 0..n {
-        for j in 0..=i {
-            let mut value = mass(i, j);
-            for k in 0..j {
-                value = tape.add_product(value, factors[i * n + k], factors[k * n + j]);
-            }
-            if j < i {
-                factors[j * n + i] = value;
-                let minus = tape.negative(factors[j * n + j]);
-                factors[i * n + j] = tape.product(value, minus);
-            } else {
-                factors[i * n + i] = tape.reciprocal(value);
-            }
-        }
-    }
-    for i in 0..n {
-        for j in 0..i {
-            x[i] = tape.add_product(x[i], factors[i * n + j], x[j]);
-        }
-    }
-    for i in (0..n).rev() {
-        x[i] = tape.product(x[i], factors[i * n + i]);
-        for j in i + 1..n {
-            x[i] = tape.add_product(x[i], factors[j * n + i], x[j]);
-        }
-    }
 }
 
 #[cfg(test)]

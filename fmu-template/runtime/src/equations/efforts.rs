@@ -143,12 +143,11 @@ impl Efforts {
     /// coordinates and parameters. The rate of such a position depends on the coordinate only as far as functions do.
     pub(super) fn depends_on(&self, column: usize) -> bool {
         let n = self.coordinates;
-        let depends = |of: EffortColumn| match of {
+        (0..self.count()).flat_map(|formula| self.columns(formula)).any(|of| match of {
             EffortColumn::Parameter(parameter) => column == n + parameter,
             EffortColumn::Position(position) => column < n && self.windings[position * n + column] != 0.0,
             EffortColumn::Rate(_) | EffortColumn::Input(_) => false,
-        };
-        (0..self.count()).any(|formula| self.columns(formula).any(depends))
+        })
     }
 
     /// Returns true if an effort changes with an input.

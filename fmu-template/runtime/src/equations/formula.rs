@@ -132,11 +132,11 @@ impl Formula {
     /// # Errors
     /// As [`new`](Self::new).
     pub fn with_columns(&self, leaf: impl Fn(usize) -> FormulaStep) -> Result<Self, FormatError> {
-        let step = |step: &FormulaStep| match step {
+        let steps = self.steps.iter().map(|step| match step {
             FormulaStep::Column(column) => leaf(*column),
             other => other.clone(),
-        };
-        Self::new(self.steps.iter().map(step).collect())
+        });
+        Self::new(steps.collect())
     }
 
     /// Value at these columns.
@@ -171,7 +171,6 @@ impl Formula {
     /// Never: the constructor counts the operands.
     fn walk<T>(&self, mut compute: impl FnMut(Applied<T>) -> T) -> T {
         let mut stack: Vec<T> = Vec::with_capacity(self.steps.len());
-        let pop = |stack: &mut Vec<T>| stack.pop().expect("the constructor counts the operands");
         for step in &self.steps {
             let value = match step {
                 FormulaStep::Constant(value) => compute(Applied::Constant(*value)),
@@ -193,6 +192,12 @@ impl Formula {
         }
         pop(&mut stack)
     }
+}
+
+/// The last operand of a step.
+#[inline]
+fn pop<T>(stack: &mut Vec<T>) -> T {
+    stack.pop().expect("the constructor counts the operands")
 }
 
 impl FormulaStep {

@@ -88,14 +88,18 @@ impl FunctionSet {
 
     /// Returns true if a function depends on a column.
     pub fn function_depends_on(&self, function: usize, column: usize) -> bool {
-        let of_network = |network: &NetworkTerm| network.outputs.contains(&function) && network.depends_on(column);
-        self.dictionary.output_depends_on(function, column) || self.network.as_ref().is_some_and(of_network)
+        self.dictionary.output_depends_on(function, column) || self.network_depends_on(function, column)
     }
 
     /// Returns true if a function is a straight line along a column, or does not depend on it: then it is known beyond the column's range.
     pub fn function_is_straight(&self, function: usize, column: usize) -> bool {
-        let of_network = |network: &NetworkTerm| network.outputs.contains(&function) && network.depends_on(column);
-        self.dictionary.output_is_straight(function, column) && !self.network.as_ref().is_some_and(of_network)
+        self.dictionary.output_is_straight(function, column) && !self.network_depends_on(function, column)
+    }
+
+    /// Returns true if the network's part of a function depends on a column.
+    fn network_depends_on(&self, function: usize, column: usize) -> bool {
+        let network = self.network.as_ref();
+        network.is_some_and(|network| network.outputs.contains(&function) && network.depends_on(column))
     }
 
     /// Returns true if a function is zero everywhere.

@@ -110,14 +110,14 @@ impl LookupTable {
         let slopes: Vec<f64> = self.nodes.as_chunks::<2>().0.iter().map(|node| node[1]).collect();
         let (knots, last) = (&self.axes[0], self.axes[0].len() - 1);
         // the second derivative is continuous: that at a knot is that of either interval beside it
-        let second = |knot: usize| {
+        let seconds = (0..=last).map(|knot| {
             let (from, to) = if knot < last { (knot, knot + 1) } else { (knot - 1, knot) };
             let h = knots[to] - knots[from];
             let chord = (self.values[to] - self.values[from]) / h;
             let both = if knot < last { 2.0 * slopes[from] + slopes[to] } else { -slopes[from] - 2.0 * slopes[to] };
             (if knot < last { 6.0 } else { -6.0 } * chord - 2.0 * both) / h
-        };
-        let mut seconds: Vec<f64> = (0..=last).map(second).collect();
+        });
+        let mut seconds: Vec<f64> = seconds.collect();
         let extrapolation = match self.extrapolation {
             Extrapolation::Periodic => Extrapolation::Periodic,
             Extrapolation::Hold | Extrapolation::Linear => Extrapolation::Hold,
@@ -147,33 +147,39 @@ impl LookupTable {
     #[inline(never)]
     fn find_bends(&self, axis: usize) -> Bends {
         let knots = &self.axes[axis];
-        let range = |values: &[f64]| {
-            let ends = values.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], y| [a.min(*y), b.max(*y)]);
-            ends[1] - ends[0]
-        };
-        let least = BENT * range(&self.values);
+        let ends = self.values.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], y| [a.min(*y), b.max(*y)]);
+        let least = BENT * (ends[1] - ends[0]);
         let lines = self.lines(axis);
         let last = knots.len() - 1;
-        let chord =
-            |line: &[usize], k: usize| (self.values[line[k + 1]] - self.values[line[k]]) / (knots[k + 1] - knots[k]);
-        let beyond = |line: &[usize], is_end: bool| match self.extrapolation {
-            Extrapolation::Hold => 0.0,
-            Extrapolation::Linear => chord(line, if is_end { last - 1 } else { 0 }),
-            Extrapolation::Periodic => chord(line, if is_end { 0 } else { last - 1 }),
-        };
-        let bend = |(k, at): (usize, &f64)| {
+        let bends = knots.iter().enumerate().filter_map(|(k, at)| {
             let before = if k > 0 { knots[k] - knots[k - 1] } else { f64::INFINITY };
             let after = if k < last { knots[k + 1] - knots[k] } else { f64::INFINITY };
             let width = before.min(after);
-            let change = |line: &Vec<usize>| {
-                let before = if k > 0 { chord(line, k - 1) } else { beyond(line, false) };
-                let after = if k < last { chord(line, k) } else { beyond(line, true) };
+            let changes = lines.iter().map(|line| {
+                let before = if k > 0 { self.chord(knots, line, k - 1) } else { self.slope_beyond(knots, line, 0) };
+                let after = if k < last { self.chord(knots, line, k) } else { self.slope_beyond(knots, line, last) };
                 (after - before).abs() * width
-            };
-            let largest = lines.iter().map(change).fold(0.0, f64::max);
+            });
+            let largest = changes.fold(0.0, f64::max);
             (largest > least).then_some(Bend { at: *at, width })
-        };
-        Bends::new(knots.iter().enumerate().filter_map(bend).collect(), knots[0], self.period(axis))
+        });
+        Bends::new(bends.collect(), knots[0], self.period(axis))
+    }
+
+    /// Slope of a line of values from knot `k` to the next one.
+    fn chord(&self, knots: &[f64], line: &[usize], k: usize) -> f64 {
+        (self.values[line[k + 1]] - self.values[line[k]]) / (knots[k + 1] - knots[k])
+    }
+
+    /// Slope of a line of values beyond its first or last knot.
+    fn slope_beyond(&self, knots: &[f64], line: &[usize], knot: usize) -> f64 {
+        let (first, last) = (0, knots.len() - 2);
+        let [own, opposite] = if knot == 0 { [first, last] } else { [last, first] };
+        match self.extrapolation {
+            Extrapolation::Hold => 0.0,
+            Extrapolation::Linear => self.chord(knots, line, own),
+            Extrapolation::Periodic => self.chord(knots, line, opposite),
+        }
     }
 
     /// Knots of each axis.
@@ -249,27 +255,32 @@ impl LookupTable {
         if !self.has_slopes() {
             return self.values.clone();
         }
-        let slopes_of = |knots: &[f64], values: &[f64]| match self.interpolation {
-            Interpolation::Linear => end_slopes(knots, values),
-            Interpolation::Cubic => spline_slopes(knots, values, self.extrapolation == Extrapolation::Periodic),
-        };
         // value, then slope along x; after them those of both along y
         let mut derivatives = vec![self.values.clone()];
         for (axis, knots) in self.axes.iter().enumerate() {
             let lines = self.lines(axis);
-            let along = |values: &Vec<f64>| {
+            let slopes = derivatives.iter().map(|values| {
                 let mut slopes = vec![0.0; values.len()];
                 for line in &lines {
                     let of_line: Vec<f64> = line.iter().map(|position| values[*position]).collect();
-                    line.iter().zip(slopes_of(knots, &of_line)).for_each(|(position, slope)| slopes[*position] = slope);
+                    let of_line = self.line_slopes(knots, &of_line);
+                    line.iter().zip(of_line).for_each(|(position, slope)| slopes[*position] = slope);
                 }
                 slopes
-            };
-            let slopes: Vec<Vec<f64>> = derivatives.iter().map(along).collect();
+            });
+            let slopes: Vec<Vec<f64>> = slopes.collect();
             derivatives.extend(slopes);
         }
-        let of_node = |position: usize| derivatives.iter().map(move |numbers| numbers[position]);
-        (0..self.values.len()).flat_map(of_node).collect()
+        let nodes = 0..self.values.len();
+        nodes.flat_map(|position| derivatives.iter().map(move |numbers| numbers[position])).collect()
+    }
+
+    /// Slopes at the knots of a line of values.
+    fn line_slopes(&self, knots: &[f64], values: &[f64]) -> Vec<f64> {
+        match self.interpolation {
+            Interpolation::Linear => end_slopes(knots, values),
+            Interpolation::Cubic => spline_slopes(knots, values, self.extrapolation == Extrapolation::Periodic),
+        }
     }
 
     /// Value with derivatives along a curve of the arguments, of which there is one for each axis.
@@ -344,9 +355,8 @@ impl LookupTable {
 #[inline(never)]
 fn end_slopes(x: &[f64], y: &[f64]) -> Vec<f64> {
     let last = x.len() - 1;
-    let slope = |k: usize| (y[k + 1] - y[k]) / (x[k + 1] - x[k]);
     let mut slopes = vec![0.0; x.len()];
-    (slopes[0], slopes[last]) = (slope(0), slope(last - 1));
+    [slopes[0], slopes[last]] = [0, last - 1].map(|k| (y[k + 1] - y[k]) / (x[k + 1] - x[k]));
     slopes
 }
 
@@ -356,11 +366,6 @@ fn spline_slopes(x: &[f64], y: &[f64], is_periodic: bool) -> Vec<f64> {
     let h: Vec<f64> = x.windows(2).map(|pair| pair[1] - pair[0]).collect();
     let chord: Vec<f64> = y.windows(2).zip(&h).map(|(pair, h)| (pair[1] - pair[0]) / h).collect();
     let n = x.len();
-    // continuous second derivatives at a knot between two intervals
-    let inner = |before: usize, after: usize| {
-        let [a, b] = [h[before], h[after]];
-        ([b, 2.0 * (a + b), a], 3.0 * (b * chord[before] + a * chord[after]))
-    };
     match (n, is_periodic) {
         (2, _) => vec![chord[0]; 2],
         // a parabola
@@ -369,43 +374,62 @@ fn spline_slopes(x: &[f64], y: &[f64], is_periodic: bool) -> Vec<f64> {
             vec![chord[0] - curvature * h[0], chord[0] + curvature * h[0], chord[1] + curvature * h[1]]
         }
         (_, false) => {
-            let end = |h: [f64; 2], chord: [f64; 2]| {
-                let both = h[0] + h[1];
-                (both, ((h[0] + 2.0 * both) * h[1] * chord[0] + h[0] * h[0] * chord[1]) / both)
-            };
-            let (second, side) = end([h[0], h[1]], [chord[0], chord[1]]);
-            let mut rows = vec![([0.0, h[1], second], side)];
-            rows.extend((1..n - 1).map(|knot| inner(knot - 1, knot)));
-            let (last_but_one, side) = end([h[n - 2], h[n - 3]], [chord[n - 2], chord[n - 3]]);
-            rows.push(([last_but_one, h[n - 3], 0.0], side));
+            let side = end_side([h[0], h[1]], [chord[0], chord[1]]);
+            let mut rows = vec![TridiagonalRow { before: 0.0, own: h[1], after: h[0] + h[1], side }];
+            rows.extend((1..n - 1).map(|knot| inner_row(&h, &chord, knot - 1, knot)));
+            let side = end_side([h[n - 2], h[n - 3]], [chord[n - 2], chord[n - 3]]);
+            rows.push(TridiagonalRow { before: h[n - 2] + h[n - 3], own: h[n - 3], after: 0.0, side });
             tridiagonal(&rows)
         }
         // the slope at the start is that at the end: the others follow from it linearly
         (_, true) => {
-            let others: Vec<([f64; 3], f64)> = (1..n - 1).map(|knot| inner(knot - 1, knot)).collect();
-            let with = |start: f64, scale: f64| {
-                let mut rows: Vec<([f64; 3], f64)> = others.iter().map(|(row, side)| (*row, scale * side)).collect();
-                let last = rows.len() - 1;
-                rows[0].1 -= rows[0].0[0] * start;
-                rows[last].1 -= rows[last].0[2] * start;
-                tridiagonal(&rows)
-            };
-            let ([before, own, after], side) = inner(n - 2, 0);
-            let (fixed, by_start) = (with(0.0, 1.0), with(1.0, 0.0));
+            let others: Vec<TridiagonalRow> = (1..n - 1).map(|knot| inner_row(&h, &chord, knot - 1, knot)).collect();
+            let TridiagonalRow { before, own, after, side } = inner_row(&h, &chord, n - 2, 0);
+            let (fixed, by_start) = (inner_slopes(&others, 0.0, 1.0), inner_slopes(&others, 1.0, 0.0));
             let last = fixed.len() - 1;
             let known = before * fixed[last] + after * fixed[0];
             let start = (side - known) / (own + before * by_start[last] + after * by_start[0]);
-            let inner_slopes = fixed.iter().zip(&by_start).map(|(fixed, by_start)| fixed + start * by_start);
-            [start].into_iter().chain(inner_slopes).chain([start]).collect()
+            let others = fixed.iter().zip(&by_start).map(|(fixed, by_start)| fixed + start * by_start);
+            [start].into_iter().chain(others).chain([start]).collect()
         }
     }
 }
 
-/// Solution of equations with three diagonals, row by row those before, on and after the diagonal, and the right side.
+/// An equation: numbers before, on and after the diagonal, and the right side.
+struct TridiagonalRow {
+    before: f64,
+    own: f64,
+    after: f64,
+    side: f64,
+}
+
+/// Continuous second derivatives at a knot between two intervals of lengths `h` and slopes `chord`.
+fn inner_row(h: &[f64], chord: &[f64], before: usize, after: usize) -> TridiagonalRow {
+    let [a, b] = [h[before], h[after]];
+    TridiagonalRow { before: b, own: 2.0 * (a + b), after: a, side: 3.0 * (b * chord[before] + a * chord[after]) }
+}
+
+/// Right side of the equation at an end, from the lengths and slopes of the interval there and the next one.
+fn end_side(h: [f64; 2], chord: [f64; 2]) -> f64 {
+    let both = h[0] + h[1];
+    ((h[0] + 2.0 * both) * h[1] * chord[0] + h[0] * h[0] * chord[1]) / both
+}
+
+/// Slopes between the ends for a slope at both ends, with right sides times `scale`.
+fn inner_slopes(rows: &[TridiagonalRow], at_ends: f64, scale: f64) -> Vec<f64> {
+    let rows = rows.iter().map(|row| TridiagonalRow { side: scale * row.side, ..*row });
+    let mut rows: Vec<TridiagonalRow> = rows.collect();
+    let last = rows.len() - 1;
+    rows[0].side -= rows[0].before * at_ends;
+    rows[last].side -= rows[last].after * at_ends;
+    tridiagonal(&rows)
+}
+
+/// Solution of equations with three diagonals.
 #[inline(never)]
-fn tridiagonal(rows: &[([f64; 3], f64)]) -> Vec<f64> {
+fn tridiagonal(rows: &[TridiagonalRow]) -> Vec<f64> {
     let mut reduced: Vec<[f64; 2]> = Vec::with_capacity(rows.len());
-    for ([before, own, after], side) in rows {
+    for TridiagonalRow { before, own, after, side } in rows {
         let [factor, known] = reduced.last().copied().unwrap_or_default();
         let pivot = own - before * factor;
         reduced.push([after / pivot, (side - before * known) / pivot]);

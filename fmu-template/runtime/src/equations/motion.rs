@@ -262,9 +262,8 @@ impl PreparedMotion {
         scratch: &mut MotionScratch,
     ) {
         let equations = &mut scratch.plain.equations;
-        let place = |column: usize| if column < left_out.start { column } else { column + left_out.len() };
-        self.motion.dynamics.solve(self.inputs.iter().map(|column| point[place(*column)]), equations);
-        let v = &point[place(self.motion.velocities().start)..];
+        self.motion.dynamics.solve(self.inputs.iter().map(|column| point[point_column(*column, &left_out)]), equations);
+        let v = &point[point_column(self.motion.velocities().start, &left_out)..];
         self.motion.dynamics.write_rates(v, equations, self.motion.actuator_states, rates);
         self.motion.dynamics.write_arguments(equations, arguments);
     }
@@ -289,17 +288,14 @@ impl PreparedMotion {
         }
         let mut reactions = self.motion.reactions.as_ref().zip(reactions.as_mut());
         if let Some((reactions, work)) = &mut reactions {
-            let effort = |index: usize| self.motion.dynamics.effort(index, equations);
-            reactions.compute([self.motion.dynamics.configuration(equations), v, a], effort, work);
+            let configuration = self.motion.dynamics.configuration(equations);
+            reactions.compute([configuration, v, a], |index| self.motion.dynamics.effort(index, equations), work);
         }
-        let is_energy = |shown: &Shown| matches!(shown, Shown::KineticEnergy | Shown::PotentialEnergy);
-        let [kinetic, potential] = match self.motion.outputs.iter().any(is_energy) {
+        let mut shown = self.motion.outputs.iter();
+        let has_energy = shown.any(|shown| matches!(shown, Shown::KineticEnergy | Shown::PotentialEnergy));
+        let [kinetic, potential] = match has_energy {
             true => self.motion.dynamics.energies(|k| v[k], equations),
             false => [T::from(0.0); 2],
-        };
-        let reaction = |index: usize| {
-            let known = reactions.as_ref().map(|(reactions, work)| reactions.value(index, work));
-            known.unwrap_or_else(|| T::from(f64::NAN))
         };
         for (to, shown) in outputs.iter_mut().zip(&self.motion.outputs) {
             *to = match *shown {
@@ -308,7 +304,10 @@ impl PreparedMotion {
                 Shown::Acceleration(position) => positions[position].second,
                 Shown::KineticEnergy => kinetic,
                 Shown::PotentialEnergy => potential,
-                Shown::Reaction(index) => reaction(index),
+                Shown::Reaction(index) => match &reactions {
+                    Some((reactions, work)) => reactions.value(index, work),
+                    None => T::from(f64::NAN),
+                },
                 Shown::Effort(index) => self.motion.dynamics.effort(index, equations),
             };
         }
@@ -319,6 +318,12 @@ impl PreparedMotion {
         let inputs = self.inputs.iter().map(|column| columns[*column]);
         self.motion.dynamics.solve(inputs, equations);
     }
+}
+
+/// Position of a column in a point, which has further values in the range `left_out`.
+#[inline]
+fn point_column(column: usize, left_out: &Range<usize>) -> usize {
+    if column < left_out.start { column } else { column + left_out.len() }
 }
 
 #[cfg(test)]

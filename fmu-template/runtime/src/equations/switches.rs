@@ -217,8 +217,8 @@ impl Level {
 
     /// Level and period with other units.
     fn scaled(&self, combination: Combination, by: &[FormulaStep]) -> Self {
-        let scaled = |value: &Vec<FormulaStep>| binary(combination, value, by);
-        Self { at: scaled(&self.at), period: self.period.as_ref().map(scaled) }
+        let period = self.period.as_ref().map(|period| binary(combination, period, by));
+        Self { at: binary(combination, &self.at, by), period }
     }
 
     fn moved(&self, at: Vec<FormulaStep>) -> Self {

@@ -195,16 +195,14 @@ impl<T: Number> Compute for RunPart<'_, T> {
             operations = after;
             match *operation {
                 TapeOperation::Product { a, b, c, to } => {
-                    let product = |sum: T, a: Register, b: Register, registers: &[T]| {
-                        sum.add_product::<SIMD>(registers[a.index()], registers[b.index()])
-                    };
-                    let (mut sum, mut last) = (product(registers[c.index()], a, b, registers), to);
+                    let (mut sum, mut last) = (registers[c.index()], to);
+                    sum = sum.add_product::<SIMD>(registers[a.index()], registers[b.index()]);
                     registers[to.index()] = sum;
                     // consecutive products: a sum that continues need not wait until it is stored
                     while let [TapeOperation::Product { a, b, c, to }, after @ ..] = operations {
                         operations = after;
                         let before = if *c == last { sum } else { registers[c.index()] };
-                        (sum, last) = (product(before, *a, *b, registers), *to);
+                        (sum, last) = (before.add_product::<SIMD>(registers[a.index()], registers[b.index()]), *to);
                         registers[to.index()] = sum;
                     }
                 }
@@ -243,11 +241,14 @@ impl TapeOperation {
     /// Runs an operation of a formula: kept out of the loop over the common operations.
     #[inline(never)]
     fn run_rare<T: Number>(&self, registers: &mut [T], tables: &[Arc<LookupTable>]) {
-        let get = |register: Register| registers[register.index()];
         let (value, to) = match *self {
-            Self::Call { function, of, to } => (get(of).apply(function), to),
-            Self::Combine { combination, a, b, to } => (combination.on_tape(get(a), get(b)), to),
-            Self::Lookup { table, at, to } => (tables[table as usize].at(&at.map(get)), to),
+            Self::Call { function, of, to } => (registers[of.index()].apply(function), to),
+            Self::Combine { combination, a, b, to } => {
+                (combination.on_tape(registers[a.index()], registers[b.index()]), to)
+            }
+            Self::Lookup { table, at, to } => {
+                (tables[table as usize].at(&at.map(|register| registers[register.index()])), to)
+            }
             Self::Product { .. } | Self::Products { .. } | Self::Reciprocal { .. } | Self::Lanes { .. } => return,
         };
         registers[to.index()] = value;
@@ -356,7 +357,6 @@ pub(crate) struct TapeBuilder {
 impl TapeBuilder {
     /// A tape of `inputs` inputs, some of them fixed.
     pub(crate) fn new(inputs: usize, fixed: Range<usize>) -> Self {
-        let known = |input| if fixed.contains(&input) { BindingTime::Fixed } else { BindingTime::WithInputs };
         let mut builder = Self {
             zero: Register(0),
             one: Register(0),
@@ -364,7 +364,10 @@ impl TapeBuilder {
             written: PlaceTable::with_capacity_and_hasher(WRITTEN, Default::default()),
             tape: Tape { fixed: fixed.clone(), ..Tape::default() },
         };
-        builder.known.extend((0..inputs).map(known));
+        builder.known.extend((0..inputs).map(|input| match fixed.contains(&input) {
+            true => BindingTime::Fixed,
+            false => BindingTime::WithInputs,
+        }));
         builder.tape.constants.reserve(WRITTEN);
         builder.zero = builder.constant(0.0);
         builder.one = builder.constant(1.0);
@@ -421,8 +424,7 @@ impl TapeBuilder {
 
     /// When what follows from some numbers is known.
     fn follows(&self, from: &[Register]) -> BindingTime {
-        let known = |register: &Register| self.known[register.index()];
-        match from.iter().any(|register| known(register) == BindingTime::WithInputs) {
+        match from.iter().any(|register| self.varies(*register)) {
             true => BindingTime::WithInputs,
             false => BindingTime::Fixed,
         }
@@ -609,9 +611,8 @@ impl TapeBuilder {
         let known = self.follows(&[of]);
         if let Some(same) = self.part(known).angles.iter().find(|angle| angle.of == of && angle.count as usize >= count)
         {
-            let at = |first: usize| (0..count).map(move |k| first + k);
             let (cosines, sines) = (same.first.index(), same.first.index() + same.count as usize);
-            return at(cosines).chain(at(sines)).map(Register::input).collect();
+            return (cosines..cosines + count).chain(sines..sines + count).map(Register::input).collect();
         }
         let block: Vec<Register> = (0..2 * count).map(|_| self.reserve(known)).collect();
         if let Some(&first) = block.first() {
@@ -651,8 +652,8 @@ impl TapeBuilder {
         let mut terms = run.iter().peekable();
         let (first, last) = (run[0].of.0, run[run.len() - 1].of.0);
         // registers of weights that depend on fixed inputs, before the block
-        let term = |of: u32| terms.next_if(|term| term.of.0 == of).copied();
-        let weights = (first..=last).map(term).map(|term| match term {
+        let terms = (first..=last).map(|of| terms.next_if(|term| term.of.0 == of).copied());
+        let weights = terms.map(|term| match term {
             Some(SumTerm { constant, fixed, .. }) if !self.is_zero(fixed) => Err(self.add_scaled(fixed, one, constant)),
             term => Ok(term.map_or(0.0, |term| term.constant)),
         });

@@ -242,12 +242,13 @@ impl<T: Real, const WIDTH: usize> PreparedSteps<T, WIDTH> {
             };
             Kind::Dense { of, product, kernel }
         };
-        let mut nested = 0;
-        let prepared = |(number, step): (usize, &Step)| {
+        let (mut steps, mut nested) = (Vec::new(), 0);
+        for (number, step) in graph.steps.iter().enumerate().filter(|(number, _)| !is_fused[*number]) {
             let to = number + 1;
             if let Some(step) = NestedStep::new(step, (&widths, to), precision) {
+                steps.push(Prepared { to, kind: Kind::Nested { step: Box::new(step), memory: nested } });
                 nested += 1;
-                return Prepared { to, kind: Kind::Nested { step: Box::new(step), memory: nested - 1 } };
+                continue;
             }
             let kind = match step {
                 Step::Affine { of, .. } => product(*of, to, step, Activation::Identity),
@@ -259,10 +260,9 @@ impl<T: Real, const WIDTH: usize> PreparedSteps<T, WIDTH> {
                 }
                 other => Kind::Other(OtherStep::new::<WIDTH>(other)),
             };
-            Prepared { to, kind }
-        };
-        let kept = graph.steps.iter().enumerate().filter(|(number, _)| !is_fused[*number]);
-        Self { steps: kept.map(prepared).collect(), widths, first, last }
+            steps.push(Prepared { to, kind });
+        }
+        Self { steps, widths, first, last }
     }
 
     pub(crate) fn scratch(&self) -> StepsScratch<T, WIDTH> {

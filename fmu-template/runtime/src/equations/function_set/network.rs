@@ -78,19 +78,18 @@ impl NetworkTerm {
             }]
         };
         for Group { nodes, columns: of, outputs } in groups {
-            let own = |columns: &LayerColumns| -> LayerColumns {
-                columns.iter().copied().filter(|(column, _)| of.contains(column)).collect()
-            };
             let is_differentiated = outputs.iter().any(|output| self.outputs[*output] < differentiated);
-            let tangents: Vec<LayerColumns> = tangents.iter().filter(|_| is_differentiated).map(own).collect();
-            parts.push(Nodes::new(&hidden[0], nodes, &own(&columns), &tangents, tape));
+            let tangents = tangents.iter().filter(|_| is_differentiated);
+            let tangents: Vec<LayerColumns> = tangents.map(|columns| chosen_columns(columns, &of)).collect();
+            parts.push(Nodes::new(&hidden[0], nodes, &chosen_columns(&columns, &of), &tangents, tape));
         }
         for layer in &hidden[1..] {
             let before = parts.remove(0);
-            let all = |block: Register| -> LayerColumns { (0..layer.inputs).map(|k| (k, block.plus(k))).collect() };
+            let tangents = before.tangents.iter();
             let tangents: Vec<LayerColumns> =
-                before.tangents.iter().map(|block| block.map_or(Vec::new(), all)).collect();
-            parts.push(Nodes::new(layer, (0..layer.outputs).collect(), &all(before.values), &tangents, tape));
+                tangents.map(|block| block.map_or(Vec::new(), |block| block_columns(block, layer.inputs))).collect();
+            let values = block_columns(before.values, layer.inputs);
+            parts.push(Nodes::new(layer, (0..layer.outputs).collect(), &values, &tangents, tape));
         }
         // the part of fixed columns has a separate sum
         let (varying, fixed): (Vec<Nodes>, Vec<Nodes>) = parts.into_iter().partition(|part| tape.varies(part.values));
@@ -114,8 +113,10 @@ impl NetworkTerm {
             let bias = last.map_or(0.0, |last| last.bias.get(output));
             let mut orders = vec![sum(&|part| Some(part.values), output_mean[output] + scale * bias, tape)];
             for k in 0..first {
-                let of = |part: &Nodes| part.tangents.get(k).copied().flatten();
-                orders.push(if *function < differentiated { sum(&of, 0.0, tape) } else { tape.zero });
+                orders.push(match *function < differentiated {
+                    true => sum(&|part| part.tangents.get(k).copied().flatten(), 0.0, tape),
+                    false => tape.zero,
+                });
             }
             outputs.push(orders);
         }
@@ -144,19 +145,32 @@ impl NetworkTerm {
                 slopes.push((index, (slope, factor)));
             }
         }
-        let mut in_block = |columns: Vec<(usize, (Register, f64))>| -> LayerColumns {
-            let (indices, numbers): (Vec<usize>, Vec<(Register, f64)>) = columns.into_iter().unzip();
-            if indices.is_empty() {
-                return Vec::new();
-            }
-            let block = tape.scaled(&numbers);
-            indices.into_iter().enumerate().map(|(at, index)| (index, block.plus(at))).collect()
-        };
-        let columns = [in_block(fixed), in_block(varying)].concat();
-        let slopes = in_block(slopes);
-        let along = |k: usize| slopes.iter().copied().filter(|(index, _)| self.columns[*index].of == k).collect();
-        (columns, (0..first).map(along).collect())
+        let columns = [scaled_block(fixed, tape), scaled_block(varying, tape)].concat();
+        let slopes = scaled_block(slopes, tape);
+        let by_column =
+            (0..first).map(|k| slopes.iter().copied().filter(|(index, _)| self.columns[*index].of == k).collect());
+        (columns, by_column.collect())
     }
+}
+
+/// Columns at the chosen positions.
+fn chosen_columns(columns: &LayerColumns, chosen: &[usize]) -> LayerColumns {
+    columns.iter().copied().filter(|(column, _)| chosen.contains(column)).collect()
+}
+
+/// Columns whose values are a block, in its order.
+fn block_columns(block: Register, count: usize) -> LayerColumns {
+    (0..count).map(|k| (k, block.plus(k))).collect()
+}
+
+/// Writes the numbers of columns times their factors as a block.
+fn scaled_block(columns: Vec<(usize, (Register, f64))>, tape: &mut TapeBuilder) -> LayerColumns {
+    let (indices, numbers): (Vec<usize>, Vec<(Register, f64)>) = columns.into_iter().unzip();
+    if indices.is_empty() {
+        return Vec::new();
+    }
+    let block = tape.scaled(&numbers);
+    indices.into_iter().enumerate().map(|(at, index)| (index, block.plus(at))).collect()
 }
 
 impl Nodes {
@@ -168,23 +182,32 @@ impl Nodes {
         tangents: &[LayerColumns],
         tape: &mut TapeBuilder,
     ) -> Self {
-        let product = |columns: &LayerColumns, mut sum: Option<Register>, tape: &mut TapeBuilder| {
-            for run in columns.chunk_by(|(_, a), (_, b)| a.plus(1) == *b) {
-                let weight = |row: usize, k: usize| layer.weight.get(nodes[row] * layer.inputs + run[k].0);
-                sum = Some(tape.matrix([nodes.len(), run.len()], weight, run[0].1, sum));
-            }
-            sum
-        };
         let bias = tape.constants(nodes.iter().map(|node| layer.bias.get(*node)));
-        let argument = product(of, Some(bias), tape).unwrap_or(bias);
+        let argument = add_columns(layer, &nodes, of, Some(bias), tape).unwrap_or(bias);
         let [values, slopes] = tape.activation(layer.activation, argument, nodes.len());
         let tangents = tangents.iter().map(|columns| {
-            let tangent = product(columns, None, tape)?;
+            let tangent = add_columns(layer, &nodes, columns, None, tape)?;
             Some(tape.products(tangent, slopes, nodes.len()))
         });
         let tangents = tangents.collect();
         Self { nodes, values, tangents }
     }
+}
+
+/// Writes the sum of a block and the weighted columns of nodes; none if there are neither.
+fn add_columns(
+    layer: &Layer,
+    nodes: &[usize],
+    columns: &LayerColumns,
+    mut sum: Option<Register>,
+    tape: &mut TapeBuilder,
+) -> Option<Register> {
+    for run in columns.chunk_by(|(_, a), (_, b)| a.plus(1) == *b) {
+        let shape = [nodes.len(), run.len()];
+        let weights = &layer.weight;
+        sum = Some(tape.matrix(shape, |row, k| weights.get(nodes[row] * layer.inputs + run[k].0), run[0].1, sum));
+    }
+    sum
 }
 
 /// Nodes that have the same columns and add to the same outputs: random features have few of them.
@@ -197,8 +220,8 @@ struct Group {
 fn groups(hidden: &Layer, outputs: usize, coefficient: &dyn Fn(usize, usize) -> f64) -> Vec<Group> {
     let mut groups: Vec<Group> = Vec::new();
     for node in 0..hidden.outputs {
-        let has = |column: &usize| hidden.weight.get(node * hidden.inputs + column) != 0.0;
-        let columns: Vec<usize> = (0..hidden.inputs).filter(has).collect();
+        let columns = (0..hidden.inputs).filter(|column| hidden.weight.get(node * hidden.inputs + column) != 0.0);
+        let columns: Vec<usize> = columns.collect();
         let outputs: Vec<usize> = (0..outputs).filter(|output| coefficient(*output, node) != 0.0).collect();
         match groups.iter_mut().find(|group| group.columns == columns && group.outputs == outputs) {
             Some(group) => group.nodes.push(node),

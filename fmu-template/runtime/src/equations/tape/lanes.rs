@@ -180,8 +180,10 @@ impl TapeBuilder {
         let weights = self.tape.weights.len() as u32;
         let lanes = rows.div_ceil(LANES);
         for (lane, column) in (0..lanes).flat_map(|lane| (0..columns).map(move |column| (lane, column))) {
-            let row = |at: usize| Some(lane * LANES + at).filter(|row| *row < rows);
-            self.tape.weights.push(std::array::from_fn(|at| row(at).map_or(0.0, |row| weight(row, column))));
+            self.tape.weights.push(std::array::from_fn(|at| {
+                let row = lane * LANES + at;
+                if row < rows { weight(row, column) } else { 0.0 }
+            }));
         }
         let known = self.follows(&[of, c.unwrap_or(of)]);
         let to = self.block(known, rows);

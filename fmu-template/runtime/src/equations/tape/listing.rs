@@ -99,17 +99,17 @@ impl Tape {
 
 impl Part {
     fn instructions(&self, zero: Register) -> Vec<Instruction> {
-        let angle = |angle: &super::Angle| Instruction {
+        let angles = self.angles.iter().map(|angle| Instruction {
             count: angle.count,
             ..Instruction::new(InstructionKind::Harmonics, [angle.of; 3], angle.first)
-        };
+        });
         let operations = self.operations.iter().flat_map(|operation| match *operation {
             TapeOperation::Lanes { first, count } => {
                 self.lanes[first as usize..][..count as usize].iter().map(|lane| lane.instruction(zero)).collect()
             }
             _ => vec![operation.instruction()],
         });
-        self.angles.iter().map(angle).chain(operations).collect()
+        angles.chain(operations).collect()
     }
 }
 
