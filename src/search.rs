@@ -19,11 +19,16 @@ pub fn trials(options: &SearchOptions, seed: u64) -> Vec<Vec<Value>> {
     if options.method == SearchMethod::Grid {
         return options.space.values().fold(vec![Vec::new()], |trials, space| {
             let values = grid(space);
-            let with = |trial: &Vec<Value>| {
-                let trial = trial.clone();
-                values.iter().map(move |value| [&trial[..], std::slice::from_ref(value)].concat()).collect::<Vec<_>>()
-            };
-            trials.iter().flat_map(with).collect()
+            trials
+                .iter()
+                .flat_map(|trial| {
+                    let trial = trial.clone();
+                    values
+                        .iter()
+                        .map(move |value| [&trial[..], std::slice::from_ref(value)].concat())
+                        .collect::<Vec<_>>()
+                })
+                .collect()
         });
     }
     let mut random = sampling::random(seed, Stream::Search);
@@ -164,11 +169,13 @@ pub fn studies(study: &Study) -> Result<Vec<(Vec<Value>, Result<Study>)>> {
         return Err(study.refusal("search", "missing: `metafmu search` needs it to know what to try"));
     };
     let keys: Vec<&str> = options.space.keys().map(String::as_str).collect();
-    let with_study = |values: Vec<Value>| {
-        let trial = trial(study, &keys, &values);
-        (values, trial)
-    };
-    Ok(trials(options, study.seed).into_iter().map(with_study).collect())
+    Ok(trials(options, study.seed)
+        .into_iter()
+        .map(|values| {
+            let trial = trial(study, &keys, &values);
+            (values, trial)
+        })
+        .collect())
 }
 
 /// Problems of a study, without the lines of its generated text.

@@ -188,10 +188,14 @@ impl Swap {
         let names: Vec<&str> = unused.iter().map(|(name, _)| name.as_str()).collect();
         refuse(&surrogate, counterparts::problems(descriptions, &names, &options.defaults))?;
         let doubts = start_values::doubts(&start_values, &options.defaults);
-        let unset = |(name, value): &(String, f64)| {
-            format!("the system sets `{name}` to {value:?}, which the surrogate has no parameter for")
-        };
-        let warnings = unused.iter().map(unset).chain(doubts).chain(compared.left_out.iter().cloned()).collect();
+        let warnings = unused
+            .iter()
+            .map(|(name, value)| {
+                format!("the system sets `{name}` to {value:?}, which the surrogate has no parameter for")
+            })
+            .chain(doubts)
+            .chain(compared.left_out.iter().cloned())
+            .collect();
 
         with_source.recorded = compared.ports(&sources);
         let mut with_surrogate = with_source.clone();
@@ -285,12 +289,15 @@ impl Swap {
 /// Fails if the surrogate lacks connectors of the component that are connected.
 fn refuse_misfits(system: &FmuSystem, replaced: usize, surrogate: &ComponentSource) -> Result<()> {
     let connected = |connector: &&Connector| system.is_connected(replaced, &connector.name);
-    let problem = |connector: &Connector| {
-        let is_input = matches!(connector.kind, ConnectorKind::Input | ConnectorKind::Parameter);
-        misfit(surrogate.description(), &connector.name, is_input)
-    };
-    let problems: Vec<String> =
-        system.components[replaced].connectors.iter().filter(connected).filter_map(problem).collect();
+    let problems: Vec<String> = system.components[replaced]
+        .connectors
+        .iter()
+        .filter(connected)
+        .filter_map(|connector| {
+            let is_input = matches!(connector.kind, ConnectorKind::Input | ConnectorKind::Parameter);
+            misfit(surrogate.description(), &connector.name, is_input)
+        })
+        .collect();
     refuse(surrogate, problems)
 }
 
@@ -458,7 +465,6 @@ impl fmt::Display for SwapComparison {
         }
         f.write_str(&aligned(&rows))?;
         writeln!(f)?;
-        let micro = |seconds: f64| format!("{:.2}", 1e6 * seconds);
         let mut rows = vec![
             ["µs a step", "source: median", "minimum", "surrogate: median", "minimum", "speed-up"]
                 .map(str::to_owned)
@@ -466,7 +472,8 @@ impl fmt::Display for SwapComparison {
         ];
         for (name, speed) in [(component.as_str(), &self.component_step), ("the system", &self.system_step)] {
             let StepSpeed { source, surrogate, speed_up } = speed;
-            let times = [source.median, source.minimum, surrogate.median, surrogate.minimum].map(micro);
+            let times = [source.median, source.minimum, surrogate.median, surrogate.minimum]
+                .map(|seconds| format!("{:.2}", 1e6 * seconds));
             rows.push([vec![name.to_owned()], times.to_vec(), vec![format!("{speed_up:.2}")]].concat());
         }
         f.write_str(&aligned(&rows))?;

@@ -191,22 +191,22 @@ fn finish(metadata: Metadata, program: Program) -> Result<Surrogate> {
 
 fn metadata(study: &Study, dataset: &Dataset, train_rows: usize) -> Metadata {
     let ranges = study.sampled().map(|(_, range)| range);
-    let parameters = dataset.parameters.iter().zip(ranges).map(|(variable, range)| {
-        let valid = |start: &f64| match range.is_nominal() {
-            true => range.values.contains(start),
-            false => (range.min..=range.max).contains(start),
-        };
-        let middle = || 0.5 * (range.min + range.max);
-        Input {
-            name: variable.name.clone(),
-            role: role(range, study.runs().have_memory),
-            unit: variable.unit.clone(),
-            description: variable.description.clone(),
-            min: range.min,
-            max: range.max,
-            start: variable.start.filter(valid).or(range.values.first().copied()).unwrap_or_else(middle),
-            encoding: range.encoding(),
-        }
+    let parameters = dataset.parameters.iter().zip(ranges).map(|(variable, range)| Input {
+        name: variable.name.clone(),
+        role: role(range, study.runs().have_memory),
+        unit: variable.unit.clone(),
+        description: variable.description.clone(),
+        min: range.min,
+        max: range.max,
+        start: variable
+            .start
+            .filter(|start| match range.is_nominal() {
+                true => range.values.contains(start),
+                false => (range.min..=range.max).contains(start),
+            })
+            .or(range.values.first().copied())
+            .unwrap_or(0.5 * (range.min + range.max)),
+        encoding: range.encoding(),
     });
     let time = Input {
         name: "time".into(),
@@ -312,8 +312,7 @@ pub fn seal(surrogate: Surrogate) -> Result<Surrogate> {
 /// [`Error::Io`] if the file cannot be read, [`Error::Model`] if it is no valid model file or its content was changed.
 pub fn load(path: &Path) -> Result<Surrogate> {
     let bytes = reading::read(path, reading::MAX_WHOLE).map_err(Error::io(path, "read"))?;
-    let model = |source| Error::Model { path: path.to_owned(), source: Box::new(source) };
-    Surrogate::from_bytes(&bytes).map_err(model)
+    Surrogate::from_bytes(&bytes).map_err(|source| Error::Model { path: path.to_owned(), source: Box::new(source) })
 }
 
 /// Writes a model file, whole or not at all.

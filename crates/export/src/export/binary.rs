@@ -20,10 +20,10 @@ pub struct Binary {
 impl Binary {
     /// The libraries that are embedded in this program.
     pub fn embedded() -> Vec<Self> {
-        let binary = |&(tuple, bytes): &(&str, &'static [u8])| {
-            Some(Self { platform: Platform::from_tuple(tuple)?, bytes: bytes.into() })
-        };
-        metafmu_libraries::LIBRARIES.iter().filter_map(binary).collect()
+        metafmu_libraries::LIBRARIES
+            .iter()
+            .filter_map(|&(tuple, bytes)| Some(Self { platform: Platform::from_tuple(tuple)?, bytes: bytes.into() }))
+            .collect()
     }
 
     /// The embedded library for a platform.

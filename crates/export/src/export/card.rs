@@ -87,8 +87,12 @@ pub fn card(surrogate: &Surrogate, about: &ExportOptions, accuracy: Option<&Accu
 
 /// Clause on inputs and parameters that were constant in each training run.
 fn unchanged(surrogate: &Surrogate) -> &'static str {
-    let may_change = |role: Role| matches!(role, Role::Input | Role::Parameter(Tunability::Tunable));
-    if surrogate.time_column().is_some() && surrogate.inputs().iter().any(|input| may_change(input.role)) {
+    if surrogate.time_column().is_some()
+        && surrogate
+            .inputs()
+            .iter()
+            .any(|input| matches!(input.role, Role::Input | Role::Parameter(Tunability::Tunable)))
+    {
         ", and as long as its inputs and parameters stay what they are at the start of a run: in each run of the \
          training they were constant"
     } else {
@@ -368,27 +372,31 @@ fn model(surrogate: &Surrogate) -> String {
 
 /// Kind and size of a baseline, from steps that only baselines have: a mean is subtracted first, kernels are Gaussian.
 fn of_baseline(graph: &Graph) -> Option<(&'static str, String)> {
-    let is = |step: &Step, wanted| matches!(step, Step::Elementwise { function, .. } if *function == wanted);
     match graph.steps.as_slice() {
-        [first, Step::Affine { weight, bias, .. }] if is(first, Elementwise::Linear) => {
+        [first, Step::Affine { weight, bias, .. }] if applies(first, Elementwise::Linear) => {
             Some(("a polynomial", format!("polynomial of {} terms", weight.len() / bias.len() + 1)))
         }
         [.., Step::Products { products, .. }, _] => {
             Some(("a polynomial", format!("polynomial of {} terms", products.terms())))
         }
         [first, Step::Forest { forest, .. }, last]
-            if is(first, Elementwise::Linear) && is(last, Elementwise::Linear) =>
+            if applies(first, Elementwise::Linear) && applies(last, Elementwise::Linear) =>
         {
             let size = format!("{} decision trees, {} nodes", forest.trees.len(), forest.nodes.len());
             Some(("a sum of decision trees, piecewise constant,", size))
         }
         steps => {
-            let kernels = steps.windows(2).filter(|pair| is(&pair[0], Elementwise::Gaussian));
+            let kernels = steps.windows(2).filter(|pair| applies(&pair[0], Elementwise::Gaussian));
             let kernels = kernels.map(|pair| if let Step::Affine { weight, .. } = &pair[1] { weight.len() } else { 0 });
             let count: usize = kernels.sum();
             (count > 0).then(|| ("a sum of kernels", format!("{count} kernels")))
         }
     }
+}
+
+/// Returns true if a step applies a function to each of its numbers.
+fn applies(step: &Step, wanted: Elementwise) -> bool {
+    matches!(step, Step::Elementwise { function, .. } if *function == wanted)
 }
 
 /// Size of a graph as text.
@@ -450,13 +458,10 @@ fn of_function(function: &Graph) -> String {
 /// Size of the functions in equations of motion, and their integration.
 fn size_of_motion(motion: &Motion, integration: Integration) -> String {
     let Motion { dynamics, positions, reactions, .. } = motion;
-    let network = |what: &str, term: Option<&NetworkTerm>| {
-        term.map_or(String::new(), |term| format!(", a network for {what}, {}", nodes(&term.network().layers)))
-    };
     let networks = [
-        network("the equations", dynamics.function_set().network()),
-        network("positions", positions.network()),
-        network("forces", dynamics.forces()),
+        beside("the equations", dynamics.function_set().network()),
+        beside("positions", positions.network()),
+        beside("forces", dynamics.forces()),
     ];
     let of_reactions = reactions
         .as_ref()
@@ -471,15 +476,19 @@ fn size_of_motion(motion: &Motion, integration: Integration) -> String {
     )
 }
 
+/// Clause on a network beside the functions of an equation; empty without one.
+fn beside(what: &str, term: Option<&NetworkTerm>) -> String {
+    term.map_or(String::new(), |term| format!(", a network for {what}, {}", nodes(&term.network().layers)))
+}
+
 /// Text on the error that the solver adds to that of the equations.
 fn accuracy_of_solver(error: Option<f64>) -> String {
-    let text = |error| {
+    error.map_or(String::new(), |error| {
         format!(
             "; in the training runs, and at corners of parameters, inputs and velocities, its effect is that of an initial state perturbed by at most {}",
             readable::brief(error)
         )
-    };
-    error.map_or(String::new(), text)
+    })
 }
 
 /// Integration of the states as text.

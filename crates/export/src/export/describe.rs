@@ -88,17 +88,20 @@ pub fn describe(surrogate: &Surrogate, fmi_version: FmiVersion, about: &ExportOp
 
 /// Naming convention of the variables: structured if all names have the hierarchical form.
 fn naming(variables: &[ScalarVariable]) -> NamingConvention {
-    let is_identifier = |part: &str| {
-        part.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_')
-            && part.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')
-    };
-    let is_structured = |name: &str| {
-        let inner = name.strip_prefix("der(").and_then(|name| name.strip_suffix(')')).unwrap_or(name);
-        inner.split('.').all(is_identifier)
-    };
     match variables.iter().all(|variable| is_structured(&variable.name)) {
         true => NamingConvention::Structured,
         false => NamingConvention::Flat,
+    }
+}
+
+/// Returns true if a name is one of parts with dots between them, or the derivative of such a name.
+fn is_structured(name: &str) -> bool {
+    {
+        let inner = name.strip_prefix("der(").and_then(|name| name.strip_suffix(')')).unwrap_or(name);
+        inner.split('.').all(|part| {
+            part.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_')
+                && part.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')
+        })
     }
 }
 
@@ -239,11 +242,10 @@ fn input(surrogate: &Surrogate, index: usize) -> DescribedVariable {
     };
     // every number is valid for a periodic input, and a state has separate limits; hosts may refuse or warn at limits
     let is_limited = input.encoding != Encoding::Periodic && input.role != Role::Start;
-    let limit = |limit: f64| is_limited.then_some(limit);
     let real = RealAttributes {
         unit: text(&input.unit),
-        min: limit(input.min),
-        max: limit(input.max),
+        min: is_limited.then_some(input.min),
+        max: is_limited.then_some(input.max),
         nominal: Some(nominal(input.min, input.max)),
         // the independent variable has none
         start: (input.role != Role::Time).then_some(input.start),

@@ -204,8 +204,10 @@ impl OnnxWriter {
         let all = self.joined(&of_degree);
         let mut product: Option<String> = None;
         for input in 0..inputs {
-            let place = |term: usize| i64::from(products.degrees[term * inputs + input]) * inputs as i64 + input as i64;
-            let factor = self.picked(&all, &(0..products.terms()).map(place).collect::<Vec<i64>>());
+            let places: Vec<i64> = (0..products.terms())
+                .map(|term| i64::from(products.degrees[term * inputs + input]) * inputs as i64 + input as i64)
+                .collect();
+            let factor = self.picked(&all, &places);
             product = Some(match product {
                 None => factor,
                 Some(product) => self.of("Mul", &[&product, &factor]),
@@ -242,26 +244,26 @@ impl OnnxWriter {
             }
         }
         // the first node of each tree is its root; nodes of a tree are together, as the forest has them
-        let is_leaf = |place: usize| forest.nodes[place].column == LEAF;
-        let of_nodes = |of: &dyn Fn(usize) -> i64| (0..count).map(of).collect::<Vec<i64>>();
-        let texts =
-            (0..count).map(|place| if is_leaf(place) { b"LEAF".to_vec() } else { b"BRANCH_LEQ".to_vec() }).collect();
-        let below =
-            |side: usize| of_nodes(&|place| if is_leaf(place) { 0 } else { forest.nodes[place].below[side].into() });
-        let numbers: Vec<f64> =
-            forest.nodes.iter().map(|node| if node.column == LEAF { 0.0 } else { node.number }).collect();
+        let (mut modes, mut columns, mut numbers) = (Vec::new(), Vec::new(), Vec::new());
+        let [mut first, mut second] = [Vec::new(), Vec::new()];
+        for node in &forest.nodes {
+            let is_leaf = node.column == LEAF;
+            modes.push(if is_leaf { b"LEAF".to_vec() } else { b"BRANCH_LEQ".to_vec() });
+            columns.push(if is_leaf { 0 } else { node.column.into() });
+            numbers.push(if is_leaf { 0.0 } else { node.number });
+            let below = if is_leaf { [0; 2] } else { node.below.map(i64::from) };
+            first.push(below[0]);
+            second.push(below[1]);
+        }
         let weights: Vec<f64> = targets.iter().map(|(.., weight)| *weight).collect();
         let attributes = vec![
             integers("nodes_treeids", tree_of.clone()),
-            integers("nodes_nodeids", of_nodes(&|place| place as i64)),
-            integers(
-                "nodes_featureids",
-                of_nodes(&|place| if is_leaf(place) { 0 } else { forest.nodes[place].column.into() }),
-            ),
+            integers("nodes_nodeids", (0..count as i64).collect()),
+            integers("nodes_featureids", columns),
             tensor("nodes_values_as_tensor", &numbers),
-            AttributeProto { name: "nodes_modes".into(), strings: texts, kind: 8, ..Default::default() },
-            integers("nodes_truenodeids", below(0)),
-            integers("nodes_falsenodeids", below(1)),
+            AttributeProto { name: "nodes_modes".into(), strings: modes, kind: 8, ..Default::default() },
+            integers("nodes_truenodeids", first),
+            integers("nodes_falsenodeids", second),
             integers("target_treeids", targets.iter().map(|target| target.0).collect()),
             integers("target_nodeids", targets.iter().map(|target| target.1).collect()),
             integers("target_ids", targets.iter().map(|target| target.2).collect()),
@@ -352,12 +354,10 @@ impl OnnxWriter {
     fn elementwise(&mut self, x: &str, function: Elementwise, parameters: &[f64]) -> String {
         let count = function.parameters().max(1);
         let rows: Vec<&[f64]> = parameters.chunks(parameters.len().div_ceil(count).max(1)).collect();
-        let row = |number: usize| rows.get(number).copied().unwrap_or(&[0.0]);
-        let negative_part = |writer: &mut Self| writer.binary("Min", x, 0.0);
-        let positive_part = |writer: &mut Self| writer.binary("Max", x, 0.0);
+        let [first, second] = [0, 1].map(|number| rows.get(number).copied().unwrap_or(&[0.0]));
         match function {
             Elementwise::Activation(activation) => self.activation(activation, x),
-            Elementwise::Linear => self.linear(x, row(0), row(1)),
+            Elementwise::Linear => self.linear(x, first, second),
             Elementwise::Cosine => self.of("Cos", &[x]),
             Elementwise::Exponential => self.of("Exp", &[x]),
             Elementwise::Gaussian => {
@@ -368,7 +368,7 @@ impl OnnxWriter {
             Elementwise::Reciprocal => self.of("Reciprocal", &[x]),
             Elementwise::Absolute => self.of("Abs", &[x]),
             Elementwise::Power => {
-                let exponents = self.reals(&[row(0).len()], row(0));
+                let exponents = self.reals(&[first.len()], first);
                 self.of("Pow", &[x, &exponents])
             }
             Elementwise::Erf => self.erf(x),
@@ -379,21 +379,21 @@ impl OnnxWriter {
                 self.of("Mul", &[x, &half])
             }
             Elementwise::LeakyRelu => {
-                let (above, below) = (positive_part(self), negative_part(self));
-                let slopes = self.reals(&[row(0).len()], row(0));
+                let (above, below) = (self.binary("Max", x, 0.0), self.binary("Min", x, 0.0));
+                let slopes = self.reals(&[first.len()], first);
                 let below = self.of("Mul", &[&below, &slopes]);
                 self.of("Add", &[&above, &below])
             }
             Elementwise::Elu => {
-                let (above, below) = (positive_part(self), negative_part(self));
+                let (above, below) = (self.binary("Max", x, 0.0), self.binary("Min", x, 0.0));
                 let power = self.of("Exp", &[&below]);
                 let less = self.binary("Sub", &power, 1.0);
-                let factors = self.reals(&[row(0).len()], row(0));
+                let factors = self.reals(&[first.len()], first);
                 let below = self.of("Mul", &[&less, &factors]);
                 self.of("Add", &[&above, &below])
             }
             Elementwise::Softplus => {
-                let above = positive_part(self);
+                let above = self.binary("Max", x, 0.0);
                 let magnitude = self.of("Abs", &[x]);
                 let negative = self.of("Neg", &[&magnitude]);
                 let power = self.of("Exp", &[&negative]);
@@ -407,12 +407,12 @@ impl OnnxWriter {
                 self.of("Div", &[x, &sum])
             }
             Elementwise::Clip => {
-                let (least, most) = (self.reals(&[row(0).len()], row(0)), self.reals(&[row(1).len()], row(1)));
+                let (least, most) = (self.reals(&[first.len()], first), self.reals(&[second.len()], second));
                 let above = self.of("Max", &[x, &least]);
                 self.of("Min", &[&above, &most])
             }
             Elementwise::ThresholdedRelu => {
-                let thresholds = self.reals(&[row(0).len()], row(0));
+                let thresholds = self.reals(&[first.len()], first);
                 let is_above = self.of("Greater", &[x, &thresholds]);
                 let is_above = self.with("Cast", &[&is_above], vec![integer("to", self.kind().into())]);
                 self.of("Mul", &[x, &is_above])
@@ -442,38 +442,20 @@ impl OnnxWriter {
     }
 
     fn model(self, surrogate: &Surrogate) -> ModelProto {
-        let value = |name: &str, columns: usize| ValueInfoProto {
-            name: name.into(),
-            r#type: Some(TypeProto {
-                tensor_type: Some(TensorTypeProto {
-                    elem_type: self.kind(),
-                    shape: Some(ShapeProto {
-                        dim: vec![
-                            DimensionProto { dim_value: None, dim_param: Some("points".into()) },
-                            DimensionProto { dim_value: Some(columns as i64), dim_param: None },
-                        ],
-                    }),
-                }),
-            }),
-        };
-        let (inputs, outputs) = (surrogate.inputs(), surrogate.outputs());
-        let json = |values: Vec<serde_json::Value>| serde_json::Value::from(values).to_string();
-        let names = |of: &mut dyn Iterator<Item = String>| json(of.map(serde_json::Value::from).collect());
-        let numbers = |of: &mut dyn Iterator<Item = f64>| json(of.map(serde_json::Value::from).collect());
+        let (kind, inputs, outputs) = (self.kind(), surrogate.inputs(), surrogate.outputs());
         let entries = [
-            ("input_names", names(&mut inputs.iter().map(|input| input.name.clone()))),
-            ("input_units", names(&mut inputs.iter().map(|input| input.unit.clone()))),
-            ("input_min", numbers(&mut inputs.iter().map(|input| input.min))),
-            ("input_max", numbers(&mut inputs.iter().map(|input| input.max))),
-            ("output_names", names(&mut outputs.iter().map(|output| output.name.clone()))),
-            ("output_units", names(&mut outputs.iter().map(|output| output.unit.clone()))),
+            ("input_names", json(inputs.iter().map(|input| input.name.clone()))),
+            ("input_units", json(inputs.iter().map(|input| input.unit.clone()))),
+            ("input_min", json(inputs.iter().map(|input| input.min))),
+            ("input_max", json(inputs.iter().map(|input| input.max))),
+            ("output_names", json(outputs.iter().map(|output| output.name.clone()))),
+            ("output_units", json(outputs.iter().map(|output| output.unit.clone()))),
             ("content_digest", surrogate.metadata().provenance.content_digest.clone()),
         ];
-        let set = |domain: &str, version| OperatorSetIdProto { domain: domain.into(), version };
         let graph = GraphProto {
             name: surrogate.metadata().name.clone(),
-            input: vec![value("inputs", inputs.len())],
-            output: vec![value("outputs", outputs.len())],
+            input: vec![batch_of_rows("inputs", inputs.len(), kind)],
+            output: vec![batch_of_rows("outputs", outputs.len(), kind)],
             node: self.nodes,
             initializer: self.constants,
         };
@@ -482,10 +464,37 @@ impl OnnxWriter {
             producer_name: "metafmu".into(),
             producer_version: env!("CARGO_PKG_VERSION").into(),
             graph: Some(graph),
-            opset_import: vec![set("", OPSET), set(MACHINE_LEARNING, 3)],
+            opset_import: vec![operator_set("", OPSET), operator_set(MACHINE_LEARNING, 3)],
             metadata_props: entries.map(|(key, value)| StringStringEntryProto { key: key.into(), value }).into(),
         }
     }
+}
+
+fn operator_set(domain: &str, version: i64) -> OperatorSetIdProto {
+    OperatorSetIdProto { domain: domain.into(), version }
+}
+
+/// Description of rows of numbers, of which there may be any count.
+fn batch_of_rows(name: &str, columns: usize, kind: i32) -> ValueInfoProto {
+    ValueInfoProto {
+        name: name.into(),
+        r#type: Some(TypeProto {
+            tensor_type: Some(TensorTypeProto {
+                elem_type: kind,
+                shape: Some(ShapeProto {
+                    dim: vec![
+                        DimensionProto { dim_value: None, dim_param: Some("points".into()) },
+                        DimensionProto { dim_value: Some(columns as i64), dim_param: None },
+                    ],
+                }),
+            }),
+        }),
+    }
+}
+
+/// List of JSON values as text.
+fn json<V: Into<serde_json::Value>>(values: impl Iterator<Item = V>) -> String {
+    serde_json::Value::from(values.map(Into::into).collect::<Vec<serde_json::Value>>()).to_string()
 }
 
 fn integer(name: &str, value: i64) -> AttributeProto {

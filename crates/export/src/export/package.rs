@@ -72,7 +72,6 @@ pub fn pack(surrogate: &Surrogate, contents: &Contents) -> Result<Vec<u8>> {
     let card = card(surrogate, about, *accuracy, figures);
     let surrogate = &with_names(surrogate, about.names)?;
     let identifier = model_identifier(&surrogate.metadata().name);
-    let file = |name: &str, bytes: Vec<u8>| PackageEntry { name: name.into(), bytes, executable: false };
     let icon = match version {
         FmiVersion::V2 => "model.png",
         FmiVersion::V3 => "terminalsAndIcons/icon.png",
@@ -107,6 +106,11 @@ pub fn pack(surrogate: &Surrogate, contents: &Contents) -> Result<Vec<u8>> {
     entries.insert(0, file("modelDescription.xml", xml::write(&description(surrogate, contents)).into()));
     // in memory: the only failures left are those of the zip format's limits
     write_zip(&entries).map_err(|source| Error::Archive { path: "the new FMU".into(), source })
+}
+
+/// An entry that is no program.
+fn file(name: &str, bytes: Vec<u8>) -> PackageEntry {
+    PackageEntry { name: name.into(), bytes, executable: false }
 }
 
 fn refuse_ports(surrogate: &Surrogate, about: &ExportOptions) -> Result<()> {

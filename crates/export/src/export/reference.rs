@@ -7,7 +7,7 @@
 use super::describe::nominal;
 use crate::table::header_field;
 use indexmap::IndexMap;
-use metafmu_runtime::{CommunicationStep, Drive, Evaluator, Input, Integration, Precision, Role, Surrogate};
+use metafmu_runtime::{CommunicationStep, Drive, Evaluator, Integration, Precision, Role, Surrogate};
 use serde::{Deserialize, Serialize};
 use std::fmt::Write;
 
@@ -54,13 +54,18 @@ pub fn reference(surrogate: &Surrogate) -> (String, String) {
     let step = stride * time_step;
     let steps = ((stop - start) / step + 1e-9).floor() as usize;
     // away from start values and ends of ranges, each at another share: variables that are mixed up are noticed
-    let share = |column: usize| 0.15 + 0.7 * (0.618_033_988_749_894_9 * (column + 1) as f64).fract();
-    let value = |(column, input): (usize, &Input)| match input.nominal_values() {
-        // the first one is mostly the start value
-        Some(values) => values[1 + (share(column) * (values.len() - 1) as f64) as usize],
-        None => input.min + share(column) * (input.max - input.min),
-    };
-    let mut point: Vec<f64> = inputs.iter().enumerate().map(value).collect();
+    let mut point: Vec<f64> = inputs
+        .iter()
+        .enumerate()
+        .map(|(column, input)| {
+            let share = 0.15 + 0.7 * (0.618_033_988_749_894_9 * (column + 1) as f64).fract();
+            match input.nominal_values() {
+                // the first one is mostly the start value
+                Some(values) => values[1 + (share * (values.len() - 1) as f64) as usize],
+                None => input.min + share * (input.max - input.min),
+            }
+        })
+        .collect();
     let settable = inputs.iter().zip(&point).filter(|(input, _)| input.role != Role::Time);
     let tolerance = match surrogate.metadata().precision {
         Precision::Double => DOUBLE_TOLERANCE,

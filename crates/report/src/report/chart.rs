@@ -411,14 +411,16 @@ pub fn thin(points: &[[f64; 2]]) -> Vec<[f64; 2]> {
         return points.to_vec();
     }
     let group = points.len().div_ceil(LINE_POINTS / 2);
-    let ends = |group: &[[f64; 2]]| {
-        let by_y = |&a: &usize, &b: &usize| group[a][1].total_cmp(&group[b][1]);
-        let (lowest, highest) = ((0..group.len()).min_by(by_y), (0..group.len()).max_by(by_y));
-        let mut ends: Vec<usize> = lowest.into_iter().chain(highest).collect();
-        ends.sort_unstable();
-        ends.into_iter().map(|index| group[index]).collect::<Vec<_>>()
-    };
-    points.chunks(group).flat_map(ends).collect()
+    points
+        .chunks(group)
+        .flat_map(|group| {
+            let by_y = |&a: &usize, &b: &usize| group[a][1].total_cmp(&group[b][1]);
+            let (lowest, highest) = ((0..group.len()).min_by(by_y), (0..group.len()).max_by(by_y));
+            let mut ends: Vec<usize> = lowest.into_iter().chain(highest).collect();
+            ends.sort_unstable();
+            ends.into_iter().map(|index| group[index]).collect::<Vec<_>>()
+        })
+        .collect()
 }
 
 /// Numbers in circles. A circle without room at its point is drawn beside it, with a leader line.
@@ -430,15 +432,18 @@ fn draw_numbered(area: &ChartArea, points: &[(usize, (i32, i32))], ink: Ink) -> 
     let mut taken: Vec<(i32, i32)> = Vec::new();
     for &(_, (x, y)) in points {
         let inside = |x: i32, y: i32| (radius..=width - radius).contains(&x) && (radius..=height - radius).contains(&y);
-        let free = |&(x, y): &(i32, i32)| {
-            inside(x, y) && taken.iter().all(|(u, v)| (x - u).pow(2) + (y - v).pow(2) > (2 * radius + 2 * unit).pow(2))
-        };
         // outwards in a spiral
         let spiral = (0..400).map(|step| {
             let (distance, angle) = (f64::from(step) * 0.6 * f64::from(SCALE), f64::from(step) * 0.7);
             (x + (distance * angle.cos()) as i32, y + (distance * angle.sin()) as i32)
         });
-        let place = spiral.into_iter().find(free).unwrap_or((x, y));
+        let place = spiral
+            .into_iter()
+            .find(|&(x, y)| {
+                inside(x, y)
+                    && taken.iter().all(|(u, v)| (x - u).pow(2) + (y - v).pow(2) > (2 * radius + 2 * unit).pow(2))
+            })
+            .unwrap_or((x, y));
         taken.push(place);
     }
     for (&(_, point), &place) in points.iter().zip(&taken) {

@@ -102,8 +102,8 @@ pub struct Drawn {
 
 impl Figure {
     fn new(id: &str, caption: impl Into<String>, chart: Chart) -> Self {
-        let plain = |c: char| if c.is_ascii_alphanumeric() || c == '-' { c } else { '_' };
-        Self { id: id.chars().map(plain).collect(), caption: caption.into(), chart }
+        let id = id.chars().map(|c| if c.is_ascii_alphanumeric() || c == '-' { c } else { '_' }).collect();
+        Self { id, caption: caption.into(), chart }
     }
 
     /// The figure as SVG.

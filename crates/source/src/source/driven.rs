@@ -158,8 +158,11 @@ impl Driven {
             Ok(Ok(reduced)) => {
                 start.extend(reduced.start().0.iter().chain(reduced.start().1));
                 let starts = reduced.model().actuator_starts();
-                let position = |name: &&String| mechanism.actuator_states().get_index_of(*name);
-                start.extend(own.iter().filter_map(position).map(|index| starts[index]));
+                start.extend(
+                    own.iter()
+                        .filter_map(|name| mechanism.actuator_states().get_index_of(*name))
+                        .map(|index| starts[index]),
+                );
             }
             // problems of a part of the mechanism are reported with its line
             Ok(Err(error)) if is_of_acting_part(&error) => {
@@ -352,11 +355,12 @@ impl Driven {
             let integration = (ROUGH, &Budget::default());
             let states = mechanism.states_from(&values, launch.start(), &launch.signals, times, integration)?;
             let width = states.len() / times.len();
-            let range = |k: usize| {
-                let column = states.iter().skip(k).step_by(width);
-                column.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], x| [low.min(*x), high.max(*x)])
-            };
-            Ok((0..width).map(range).collect())
+            Ok((0..width)
+                .map(|k| {
+                    let column = states.iter().skip(k).step_by(width);
+                    column.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], x| [low.min(*x), high.max(*x)])
+                })
+                .collect())
         });
         let reached: Vec<Vec<[f64; 2]>> = reached.collect::<Result<_, MotionError>>()?;
         let both = |[a, b]: [f64; 2], [c, d]: [f64; 2]| [a.min(c), b.max(d)];
@@ -391,15 +395,18 @@ impl Driven {
         let (positions, rest) = starts.split_at(n);
         let (rates, actuator_states) = rest.split_at(n);
         let inputs = self.inputs(parameters, times);
-        let signal = |column: usize| {
-            let values: Vec<f64> = inputs.iter().skip(column).step_by(self.drivers.len()).copied().collect();
-            let knots = Knots::new(times.to_vec(), values);
-            knots.map(Signal::Linear).map_err(|error| MotionError::new(MotionCause::Unsuitable, error.to_string()))
-        };
         Ok(Launch {
             names: self.states[..n].iter().map(|state| state.name.as_str()).collect(),
             state: [positions, rates, actuator_states],
-            signals: (0..self.drivers.len()).map(signal).collect::<Result<_, MotionError>>()?,
+            signals: (0..self.drivers.len())
+                .map(|column| {
+                    let values: Vec<f64> = inputs.iter().skip(column).step_by(self.drivers.len()).copied().collect();
+                    let knots = Knots::new(times.to_vec(), values);
+                    knots
+                        .map(Signal::Linear)
+                        .map_err(|error| MotionError::new(MotionCause::Unsuitable, error.to_string()))
+                })
+                .collect::<Result<_, MotionError>>()?,
         })
     }
 }

@@ -82,19 +82,21 @@ impl Shard {
     /// # Errors
     /// [`Error::Io`].
     pub fn files(folder: &Path) -> Result<Vec<PathBuf>> {
-        let is_shard = |name: &str| {
-            let parts = name.strip_prefix("shard-").and_then(|name| name.strip_suffix(".bin")?.split_once("-of-"));
-            parts.is_some_and(|(number, of)| format!("{number}/{of}").parse::<Self>().is_ok())
-        };
         let mut files = Vec::new();
         for entry in std::fs::read_dir(folder).map_err(Error::io(folder, "read"))? {
             let entry = entry.map_err(Error::io(folder, "read"))?;
-            if entry.file_name().to_str().is_some_and(is_shard) {
+            if entry.file_name().to_str().is_some_and(Self::is_name_of_shard) {
                 files.push(entry.path());
             }
         }
         files.sort_unstable();
         Ok(files)
+    }
+
+    /// Returns true if a file is named like a shard.
+    fn is_name_of_shard(name: &str) -> bool {
+        let parts = name.strip_prefix("shard-").and_then(|name| name.strip_suffix(".bin")?.split_once("-of-"));
+        parts.is_some_and(|(number, of)| format!("{number}/{of}").parse::<Self>().is_ok())
     }
 }
 

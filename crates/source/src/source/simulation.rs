@@ -14,7 +14,7 @@ use crate::{
     diagnostics::{Problems, names::expected_one_of, numbers::exact},
     fmi::Workers,
     integrate::{Budget, TOLERANCE},
-    multibody::{BodyMotion, Mechanism, description::MechanismOutput},
+    multibody::{BodyMotion, Mechanism},
     sampling::Plan,
     study::{SourceOptions, Study},
     systems::{SYSTEMS, System},
@@ -305,8 +305,11 @@ impl Simulation {
                 model.run_all(points, Some(journal), workers, &allow, done)?
             }
         };
-        let made = |(outcome, point): (RunOutputs, &[f64])| outcome.map(|outputs| self.run_of(point, outputs));
-        Ok(outcomes.into_iter().zip(points).map(made).collect())
+        Ok(outcomes
+            .into_iter()
+            .zip(points)
+            .map(|(outcome, point)| outcome.map(|outputs| self.run_of(point, outputs)))
+            .collect())
     }
 
     /// Runs begin in the order of the points, and those that have begun end, so that the same failures are too many for any
@@ -451,11 +454,19 @@ impl EquationSolver {
                         .iter()
                         .position(|name| named(name).is_some_and(|output| output.measure.as_deref() == Some(measure)))
                 };
-                let point = |(_, output): (&String, &MechanismOutput)| {
-                    let point = output.measure.as_deref()?.strip_suffix(".x")?;
-                    Some(MovingPoint::of_outputs(point, column(&format!("{point}.x"))?, column(&format!("{point}.y"))?))
-                };
-                mechanism.description().outputs.iter().filter_map(point).collect()
+                mechanism
+                    .description()
+                    .outputs
+                    .iter()
+                    .filter_map(|(_, output)| {
+                        let point = output.measure.as_deref()?.strip_suffix(".x")?;
+                        Some(MovingPoint::of_outputs(
+                            point,
+                            column(&format!("{point}.x"))?,
+                            column(&format!("{point}.y"))?,
+                        ))
+                    })
+                    .collect()
             }
         }
     }
@@ -553,8 +564,7 @@ impl SimulatedEquations {
         let rows = outputs.chunks(self.simulator.output_count());
         let repeated = rows.flat_map(|row| self.output_positions.iter().map(|&position| row[position]));
         // a run of a table that somebody changed is not this one
-        let is_same = |(a, b): (f64, &f64)| (a - b).abs() <= 1e-6 * b.abs().max(1.0);
-        if !repeated.zip(&run.outputs).all(is_same) {
+        if !repeated.zip(&run.outputs).all(|(a, b)| (a - b).abs() <= 1e-6 * b.abs().max(1.0)) {
             return None;
         }
         let geometry = mechanism.geometry(&quantities)?;

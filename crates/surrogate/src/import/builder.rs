@@ -219,13 +219,12 @@ fn simplified(inputs: usize, steps: &[Step]) -> Option<Vec<Step>> {
                 return Some(steps[..number].to_vec());
             }
         }
-        let inner = |of: usize| (of > 0 && uses[of] == 1).then(|| &steps[of - 1]);
         let known = AnalyzedSteps { steps, widths: &widths, nearness: &nearness, uses: &uses };
         if let Some(fewer) = linear_first(known, number).or_else(|| together(known, number)) {
             return Some(fewer);
         }
-        if !keeps_difference(step, &nearness, inner)
-            && let Some((merged, of)) = merged(step, &widths, inner)
+        if !keeps_difference(known, number)
+            && let Some((merged, of)) = merged(known, number)
         {
             let mut fewer = steps.to_vec();
             fewer[number] = merged;
@@ -244,6 +243,26 @@ struct AnalyzedSteps<'a> {
     uses: &'a [usize],
 }
 
+impl<'a> AnalyzedSteps<'a> {
+    /// The step that a value is of; none for the inputs.
+    fn maker(&self, of: usize) -> Option<&'a Step> {
+        of.checked_sub(1).map(|number| &self.steps[number])
+    }
+
+    /// The step that a value is of, if only one step uses the value.
+    fn inner(&self, of: usize) -> Option<&'a Step> {
+        self.maker(of).filter(|_| self.uses[of] == 1)
+    }
+
+    /// The value of which another one is a linear function that only one step uses, with the parameters.
+    fn inner_linear(&self, of: usize) -> Option<(usize, &'a [f64])> {
+        match self.inner(of) {
+            Some(Step::Elementwise { of, function: Elementwise::Linear, parameters }) => Some((*of, parameters)),
+            _ => None,
+        }
+    }
+}
+
 /// How much was done to the input columns until they became a value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Nearness {
@@ -260,12 +279,14 @@ fn nearness(steps: &[Step]) -> Vec<Nearness> {
     for step in steps {
         found.push(match step {
             Step::Columns { columns } => {
-                let any = |what: Nearness| columns.iter().any(|[of, _]| found[*of as usize] == what);
-                match (any(Nearness::Columns), any(Nearness::Far)) {
+                let of_columns: Vec<Nearness> = columns.iter().map(|[of, _]| found[*of as usize]).collect();
+                if of_columns.contains(&Nearness::Columns) {
                     // with columns among them it counts as columns
-                    (true, _) => Nearness::Columns,
-                    (false, true) => Nearness::Far,
-                    (false, false) => Nearness::Shifted,
+                    Nearness::Columns
+                } else if of_columns.contains(&Nearness::Far) {
+                    Nearness::Far
+                } else {
+                    Nearness::Shifted
                 }
             }
             Step::Elementwise { of, function: Elementwise::Single, .. } => found[*of],
@@ -287,20 +308,17 @@ fn shifts(parameters: &[f64]) -> bool {
 /// Returns true if a step and the one before it must not be merged. Inputs may be far from zero compared with their
 /// range (a pressure in Pa, a temperature in K). Their offset must be subtracted before products or sums, because this
 /// difference is exact and that of two products is not.
-fn keeps_difference<'a>(step: &Step, nearness: &[Nearness], inner: impl Fn(usize) -> Option<&'a Step>) -> bool {
-    let linear = |of: usize| match inner(of) {
-        Some(Step::Elementwise { of, function: Elementwise::Linear, parameters }) => Some((*of, parameters)),
-        _ => None,
-    };
-    match step {
-        Step::Affine { of, .. } => linear(*of).is_some() && nearness[*of] == Nearness::Shifted,
+fn keeps_difference(known: AnalyzedSteps, number: usize) -> bool {
+    let AnalyzedSteps { steps, nearness, .. } = known;
+    match &steps[number] {
+        Step::Affine { of, .. } => known.inner_linear(*of).is_some() && nearness[*of] == Nearness::Shifted,
         Step::Elementwise { of, function: Elementwise::Linear, parameters } => {
-            linear(*of).is_some_and(|(first, before)| {
+            known.inner_linear(*of).is_some_and(|(first, before)| {
                 let width = before.len().max(parameters.len()) / 2;
                 let ((a, b), (c, d)) = (of_each(before, width), of_each(parameters, width));
                 // a constant that stands for a column may be merged, and what changes nothing
-                let is_exact = |k: usize| a[k] == 0.0 || b[k] == 0.0 || (c[k] == 1.0 && d[k] == 0.0);
-                nearness[first] == Nearness::Columns && !(0..width).all(is_exact)
+                nearness[first] == Nearness::Columns
+                    && !(0..width).all(|k| a[k] == 0.0 || b[k] == 0.0 || (c[k] == 1.0 && d[k] == 0.0))
             })
         }
         _ => false,
@@ -339,40 +357,43 @@ fn linear_first(AnalyzedSteps { steps, widths, nearness, uses }: AnalyzedSteps, 
 
 /// The steps with input columns joined before linear functions of some of them, so that inputs normalized separately
 /// are as good as inputs normalized together.
-fn together(AnalyzedSteps { steps, widths, nearness, uses }: AnalyzedSteps, number: usize) -> Option<Vec<Step>> {
+fn together(known: AnalyzedSteps, number: usize) -> Option<Vec<Step>> {
+    let AnalyzedSteps { steps, widths, nearness, .. } = known;
     let Step::Columns { columns } = &steps[number] else { return None };
     if columns.iter().all(|[value, _]| *value == columns[0][0])
         || columns.iter().any(|[value, _]| nearness[*value as usize] == Nearness::Far)
     {
         return None;
     }
-    let maker = |value: u32| (value > 0).then(|| &steps[value as usize - 1]);
-    let chosen = |[value, column]: [u32; 2]| match maker(value) {
-        Some(Step::Columns { columns }) => columns[column as usize],
-        _ => [value, column],
-    };
-    let direct: Vec<[u32; 2]> = columns.iter().map(|column| chosen(*column)).collect();
+    let direct: Vec<[u32; 2]> = columns
+        .iter()
+        .map(|&[value, column]| match known.maker(value as usize) {
+            Some(Step::Columns { columns }) => columns[column as usize],
+            _ => [value, column],
+        })
+        .collect();
     let mut turned = steps.to_vec();
     if direct != *columns {
         turned[number] = Step::Columns { columns: direct };
         return Some(turned);
     }
-    let linear = |[value, column]: [u32; 2]| match maker(value) {
-        Some(Step::Elementwise { of, function: Elementwise::Linear, parameters }) if uses[value as usize] == 1 => {
-            let (factors, offsets) = of_each(parameters, widths[value as usize]);
-            let column = column as usize;
-            Some(([*of as u32, column as u32], [factors[column], offsets[column]]))
-        }
-        _ => None,
-    };
-    let found: Vec<Option<_>> = columns.iter().map(|column| linear(*column)).collect();
-    if found.iter().all(Option::is_none) {
+    let (mut of, mut factors, mut offsets) = (Vec::new(), Vec::new(), Vec::new());
+    for &[value, column] in columns {
+        let (source, factor, offset) = match known.inner_linear(value as usize) {
+            Some((source, parameters)) => {
+                let (factors, offsets) = of_each(parameters, widths[value as usize]);
+                (source as u32, factors[column as usize], offsets[column as usize])
+            }
+            None => (value, 1.0, 0.0),
+        };
+        of.push([source, column]);
+        factors.push(factor);
+        offsets.push(offset);
+    }
+    if of == *columns {
         return None;
     }
-    let of: Vec<[u32; 2]> =
-        found.iter().zip(columns).map(|(found, column)| found.map_or(*column, |(of, _)| of)).collect();
-    let each = |row: usize| found.iter().map(move |found| found.map_or([1.0, 0.0], |(_, linear)| linear)[row]);
-    let parameters = each(0).chain(each(1)).collect();
+    let parameters = [factors, offsets].concat();
     turned.iter_mut().skip(number + 1).for_each(|step| step.rename(|value| value + usize::from(value > number)));
     turned[number] = Step::Columns { columns: of };
     turned.insert(number + 1, Step::Elementwise { of: number + 1, function: Elementwise::Linear, parameters });
@@ -394,14 +415,15 @@ fn uses(steps: &[Step]) -> Vec<usize> {
 
 /// The steps without one; steps that use its value use `instead`.
 fn without(steps: &[Step], removed: usize, instead: usize) -> Vec<Step> {
-    let renamed = |of: usize| match of {
-        _ if of == removed + 1 => instead,
-        _ if of > removed => of - 1,
-        _ => of,
-    };
     let mut rest: Vec<Step> = steps.to_vec();
     rest.remove(removed);
-    rest.iter_mut().for_each(|step| step.rename(renamed));
+    rest.iter_mut().for_each(|step| {
+        step.rename(|of| match of {
+            _ if of == removed + 1 => instead,
+            _ if of > removed => of - 1,
+            _ => of,
+        })
+    });
     rest
 }
 
@@ -420,96 +442,117 @@ fn alias(step: &Step, widths: &[usize]) -> Option<usize> {
 }
 
 /// A step merged with the one before it, and the number of the value that is no longer needed.
-fn merged<'a>(step: &Step, widths: &[usize], inner: impl Fn(usize) -> Option<&'a Step>) -> Option<(Step, usize)> {
-    let linear = Elementwise::Linear;
-    match step {
-        Step::Elementwise { of, function, parameters } if *function == linear => match inner(*of)? {
-            Step::Affine { of: first, weight, bias } => {
-                let columns = widths[*first];
-                let (factors, offsets) = of_each(parameters, bias.len());
-                let weight: Vec<f64> =
-                    weight.iter().enumerate().map(|(index, weight)| factors[index / columns] * weight).collect();
-                let bias = bias.iter().zip(factors.iter().zip(&offsets));
-                let bias: Vec<f64> = bias.map(|(bias, (factor, offset))| factor * bias + offset).collect();
-                Some((Step::Affine { of: *first, weight: weight.into(), bias: bias.into() }, *of))
-            }
-            Step::Elementwise { of: first, function, parameters: before } if *function == linear => {
-                let width = widths[*of];
-                let ((a, b), (c, d)) = (of_each(before, width), of_each(parameters, width));
-                let factors = a.iter().zip(&c).map(|(a, c)| a * c);
-                let offsets = b.iter().zip(c.iter().zip(&d)).map(|(b, (c, d))| c * b + d);
-                let parameters = factors.chain(offsets).collect();
-                Some((Step::Elementwise { of: *first, function: linear, parameters }, *of))
-            }
-            _ => None,
-        },
-        Step::Affine { of, weight, bias } => match inner(*of)? {
-            Step::Elementwise { of: first, function, parameters } if *function == linear => {
-                let width = widths[*of];
-                let (factors, offsets) = of_each(parameters, width);
-                let weight: Vec<f64> = weight.iter().collect();
-                let bias: Vec<f64> =
-                    bias.iter().zip(weight.chunks_exact(width)).map(|(bias, row)| bias + dot(row, &offsets)).collect();
-                let weight: Vec<f64> =
-                    weight.iter().enumerate().map(|(index, weight)| weight * factors[index % width]).collect();
-                Some((Step::Affine { of: *first, weight: weight.into(), bias: bias.into() }, *of))
-            }
-            Step::Affine { of: first, weight: inner_weight, bias: inner_bias } => {
-                let (outputs, middle, columns) = (bias.len(), widths[*of], widths[*first]);
-                if outputs * columns > outputs * middle + middle * columns {
-                    return None;
-                }
-                let (weight, before): (Vec<f64>, Vec<f64>) = (weight.iter().collect(), inner_weight.iter().collect());
-                let inner_bias: Vec<f64> = inner_bias.iter().collect();
-                let rows = || weight.chunks_exact(middle);
-                let bias: Vec<f64> = bias.iter().zip(rows()).map(|(bias, row)| bias + dot(row, &inner_bias)).collect();
-                let mut product = vec![0.0; outputs * columns];
-                for (to, row) in product.chunks_exact_mut(columns).zip(rows()) {
-                    for (factor, from) in row.iter().zip(before.chunks_exact(columns)) {
-                        to.iter_mut().zip(from).for_each(|(to, from)| *to += factor * from);
-                    }
-                }
-                Some((Step::Affine { of: *first, weight: product.into(), bias: bias.into() }, *of))
-            }
-            Step::Columns { columns } if columns.iter().all(|[value, _]| *value == columns[0][0]) => {
-                let first = columns[0][0] as usize;
-                let (width, before) = (widths[*of], widths[first]);
-                // not more weights than there were, but for a few
-                if before > 2 * width + 16 {
-                    return None;
-                }
-                let place = |index: usize| (index / width) * before + columns[index % width][1] as usize;
-                let mut spread = vec![0.0; bias.len() * before];
-                weight.iter().enumerate().for_each(|(index, weight)| spread[place(index)] += weight);
-                let weight = match weight {
-                    // sums of two singles may not be one
-                    Numbers::Single(_) if spread.iter().all(|weight| f64::from(*weight as f32) == *weight) => {
-                        spread.iter().map(|weight| *weight as f32).collect::<Vec<f32>>().into()
-                    }
-                    _ => spread.into(),
-                };
-                Some((Step::Affine { of: first, weight, bias: bias.clone() }, *of))
-            }
-            _ => None,
-        },
+fn merged(known: AnalyzedSteps, number: usize) -> Option<(Step, usize)> {
+    match &known.steps[number] {
+        Step::Elementwise { of, function: Elementwise::Linear, parameters } => {
+            Some((linear_of_inner(known, *of, parameters)?, *of))
+        }
+        Step::Affine { of, weight, bias } => Some((affine_of_inner(known, *of, weight, bias)?, *of)),
         Step::Columns { columns } => {
             let of = columns[0][0] as usize;
-            if columns.iter().any(|[value, _]| *value as usize != of) {
+            let is_choice = columns.iter().all(|[value, _]| *value as usize == of);
+            is_choice.then(|| columns_of_inner(known, of, columns)).flatten().map(|step| (step, of))
+        }
+        _ => None,
+    }
+}
+
+/// A linear function of each number of a value, merged with the step that the value is of.
+fn linear_of_inner(known: AnalyzedSteps, of: usize, parameters: &[f64]) -> Option<Step> {
+    match known.inner(of)? {
+        Step::Affine { of: first, weight, bias } => {
+            let columns = known.widths[*first];
+            let (factors, offsets) = of_each(parameters, bias.len());
+            let weight: Vec<f64> =
+                weight.iter().enumerate().map(|(index, weight)| factors[index / columns] * weight).collect();
+            let bias = bias.iter().zip(factors.iter().zip(&offsets));
+            let bias: Vec<f64> = bias.map(|(bias, (factor, offset))| factor * bias + offset).collect();
+            Some(Step::Affine { of: *first, weight: weight.into(), bias: bias.into() })
+        }
+        Step::Elementwise { of: first, function: Elementwise::Linear, parameters: before } => {
+            let width = known.widths[of];
+            let ((a, b), (c, d)) = (of_each(before, width), of_each(parameters, width));
+            let factors = a.iter().zip(&c).map(|(a, c)| a * c);
+            let offsets = b.iter().zip(c.iter().zip(&d)).map(|(b, (c, d))| c * b + d);
+            let parameters = factors.chain(offsets).collect();
+            Some(Step::Elementwise { of: *first, function: Elementwise::Linear, parameters })
+        }
+        _ => None,
+    }
+}
+
+/// A layer of a value, merged with the step that the value is of.
+fn affine_of_inner(known: AnalyzedSteps, of: usize, weight: &Numbers, bias: &Numbers) -> Option<Step> {
+    let (widths, width) = (known.widths, known.widths[of]);
+    match known.inner(of)? {
+        Step::Elementwise { of: first, function: Elementwise::Linear, parameters } => {
+            let (factors, offsets) = of_each(parameters, width);
+            let weight: Vec<f64> = weight.iter().collect();
+            let bias: Vec<f64> =
+                bias.iter().zip(weight.chunks_exact(width)).map(|(bias, row)| bias + dot(row, &offsets)).collect();
+            let weight: Vec<f64> =
+                weight.iter().enumerate().map(|(index, weight)| weight * factors[index % width]).collect();
+            Some(Step::Affine { of: *first, weight: weight.into(), bias: bias.into() })
+        }
+        Step::Affine { of: first, weight: inner_weight, bias: inner_bias } => {
+            let (outputs, columns) = (bias.len(), widths[*first]);
+            if outputs * columns > outputs * width + width * columns {
                 return None;
             }
-            match inner(of)? {
-                Step::Columns { columns: before } => {
-                    let columns = columns.iter().map(|[_, column]| before[*column as usize]).collect();
-                    Some((Step::Columns { columns }, of))
+            let (weight, before): (Vec<f64>, Vec<f64>) = (weight.iter().collect(), inner_weight.iter().collect());
+            let inner_bias: Vec<f64> = inner_bias.iter().collect();
+            let (mut bias, mut product) = (bias.iter().collect::<Vec<f64>>(), vec![0.0; outputs * columns]);
+            let rows = weight.chunks_exact(width);
+            for ((bias, to), row) in bias.iter_mut().zip(product.chunks_exact_mut(columns)).zip(rows) {
+                *bias += dot(row, &inner_bias);
+                for (factor, from) in row.iter().zip(before.chunks_exact(columns)) {
+                    to.iter_mut().zip(from).for_each(|(to, from)| *to += factor * from);
                 }
-                Step::Affine { of: first, weight, bias } if columns.len() <= bias.len() => {
-                    let width = widths[*first];
-                    let rows = || columns.iter().map(|[_, row]| *row as usize);
-                    let weight = picked(weight, rows().flat_map(|row| row * width..(row + 1) * width));
-                    Some((Step::Affine { of: *first, weight, bias: picked(bias, rows()) }, of))
-                }
-                _ => None,
             }
+            Some(Step::Affine { of: *first, weight: product.into(), bias: bias.into() })
+        }
+        Step::Columns { columns } if columns.iter().all(|[value, _]| *value == columns[0][0]) => {
+            let first = columns[0][0] as usize;
+            // not more weights than there were, but for a few
+            let is_small = widths[first] <= 2 * width + 16;
+            is_small.then(|| Step::Affine {
+                of: first,
+                weight: spread(weight, columns, widths[first]),
+                bias: bias.clone(),
+            })
+        }
+        _ => None,
+    }
+}
+
+/// Weights of chosen columns as weights of all the columns that they were chosen from.
+fn spread(weight: &Numbers, columns: &[[u32; 2]], before: usize) -> Numbers {
+    let mut spread = vec![0.0; weight.len() / columns.len() * before];
+    for (index, weight) in weight.iter().enumerate() {
+        let (row, column) = (index / columns.len(), columns[index % columns.len()][1] as usize);
+        spread[row * before + column] += weight;
+    }
+    match weight {
+        // sums of two singles may not be one
+        Numbers::Single(_) if spread.iter().all(|weight| f64::from(*weight as f32) == *weight) => {
+            spread.iter().map(|weight| *weight as f32).collect::<Vec<f32>>().into()
+        }
+        _ => spread.into(),
+    }
+}
+
+/// Chosen columns of a value, merged with the step that the value is of.
+fn columns_of_inner(known: AnalyzedSteps, of: usize, columns: &[[u32; 2]]) -> Option<Step> {
+    match known.inner(of)? {
+        Step::Columns { columns: before } => {
+            let columns = columns.iter().map(|[_, column]| before[*column as usize]).collect();
+            Some(Step::Columns { columns })
+        }
+        Step::Affine { of: first, weight, bias } if columns.len() <= bias.len() => {
+            let width = known.widths[*first];
+            let rows: Vec<usize> = columns.iter().map(|[_, row]| *row as usize).collect();
+            let weight = picked(weight, rows.iter().flat_map(|row| row * width..(row + 1) * width));
+            Some(Step::Affine { of: *first, weight, bias: picked(bias, rows.iter().copied()) })
         }
         _ => None,
     }
@@ -572,8 +615,10 @@ fn network(inputs: usize, steps: &[Step]) -> Option<ScaledNetwork> {
         output_mean: vec![0.0; outputs],
         output_scale: vec![1.0; outputs],
     };
-    let is_scaling = |column: &ColumnTransform| column.scale().is_normal() && column.mean.is_finite();
-    columns.iter().all(is_scaling).then_some(ScaledNetwork { scaling, layers })
+    columns
+        .iter()
+        .all(|column| column.scale().is_normal() && column.mean.is_finite())
+        .then_some(ScaledNetwork { scaling, layers })
 }
 
 /// Linear transform of an input column: `(x - mean) factor + offset`.
@@ -604,17 +649,14 @@ impl ColumnTransform {
 
 /// Weights and biases of a layer of the standardized columns: with the signs of the factors, and the offsets.
 fn behind_scaling(columns: &[ColumnTransform], weight: &Numbers, bias: &Numbers) -> (Numbers, Numbers) {
-    let sign = |index: usize| match columns[index % columns.len()].factor {
-        0.0 => 0.0,
-        factor => factor.signum(),
-    };
     // products with these are exact in either precision
+    let signs = columns.iter().map(|column| if column.factor == 0.0 { 0.0 } else { column.factor.signum() }).cycle();
     let signed = match weight {
         Numbers::Single(values) => {
-            values.iter().enumerate().map(|(index, weight)| weight * sign(index) as f32).collect::<Vec<f32>>().into()
+            values.iter().zip(signs).map(|(weight, sign)| weight * sign as f32).collect::<Vec<f32>>().into()
         }
         Numbers::Double(values) => {
-            values.iter().enumerate().map(|(index, weight)| weight * sign(index)).collect::<Vec<f64>>().into()
+            values.iter().zip(signs).map(|(weight, sign)| weight * sign).collect::<Vec<f64>>().into()
         }
     };
     let offsets: Vec<f64> = columns.iter().map(|column| column.offset).collect();

@@ -26,11 +26,13 @@ const POINTS: usize = 4096;
 pub fn of_rows(rows: &Rows, inputs: &[Input]) -> Option<Cover> {
     let columns: Vec<usize> = (0..inputs.len()).filter(|&column| Cover::counts(&inputs[column])).collect();
     let relative = |row: &[f64]| -> Vec<f32> {
-        let of_column = |&column: &usize| {
-            let Input { min, max, .. } = inputs[column];
-            ((row[column] - min) / (max - min)) as f32
-        };
-        columns.iter().map(of_column).collect()
+        columns
+            .iter()
+            .map(|&column| {
+                let Input { min, max, .. } = inputs[column];
+                ((row[column] - min) / (max - min)) as f32
+            })
+            .collect()
     };
     let mut seen = HashSet::new();
     let is_new = |row: &Vec<f32>| {
@@ -70,11 +72,14 @@ pub fn start_among(rows: &Rows, cover: &Cover, inputs: &mut [Input], is_free: im
         return;
     }
     let off = |row: &[f64]| {
-        let of_column = |&column: &u32| {
-            let Input { min, max, .. } = inputs[column as usize];
-            (row[column as usize] - start[column as usize]).abs() / (max - min)
-        };
-        cover.columns.iter().map(of_column).fold(0.0, f64::max)
+        cover
+            .columns
+            .iter()
+            .map(|&column| {
+                let Input { min, max, .. } = inputs[column as usize];
+                (row[column as usize] - start[column as usize]).abs() / (max - min)
+            })
+            .fold(0.0, f64::max)
     };
     let Some(row) = rows.iter().filter(|row| is_inside(row)).min_by(|a, b| off(a).total_cmp(&off(b))) else {
         return;

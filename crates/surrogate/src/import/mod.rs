@@ -110,12 +110,14 @@ fn arranged(mut builder: Builder, sources: &[ColumnSource], variables: usize) ->
         builder = builder.after(sources.len(), Step::Elementwise { of: 0, function, parameters });
         further += 1;
     }
-    let chosen = |source: &ColumnSource| match source {
-        ColumnSource::Input(input) => [0, *input as u32],
-        ColumnSource::Value(_) | ColumnSource::State(_) => [0, 0],
-    };
-    let choice = Step::Columns { columns: sources.iter().map(chosen).collect() };
-    (builder.after(variables, choice), further)
+    let columns = sources
+        .iter()
+        .map(|source| match source {
+            ColumnSource::Input(input) => [0, *input as u32],
+            ColumnSource::Value(_) | ColumnSource::State(_) => [0, 0],
+        })
+        .collect();
+    (builder.after(variables, Step::Columns { columns }), further)
 }
 
 /// Points at which the ranges of outputs are found, if there are no data.
@@ -336,11 +338,13 @@ fn unit(options: &InterfaceInput) -> &str {
 /// # Errors
 /// [`Error::Table`] with all that are missing, or with all that have another unit.
 pub fn columns<'a>(table: &Table, interface: &'a ModelInterface, outputs: &[(&'a str, &'a str)]) -> Result<Vec<usize>> {
-    let variable = |(name, options): (&'a String, &'a InterfaceInput)| {
-        let is_missing = options.causality == InterfaceCausality::Time && table.column(name).is_err();
-        (if is_missing && table.column(TIME).is_ok() { TIME } else { name.as_str() }, unit(options))
-    };
-    let wanted = interface.variables().map(variable).chain(outputs.iter().copied());
+    let wanted = interface
+        .variables()
+        .map(|(name, options)| {
+            let is_missing = options.causality == InterfaceCausality::Time && table.column(name).is_err();
+            (if is_missing && table.column(TIME).is_ok() { TIME } else { name.as_str() }, unit(options))
+        })
+        .chain(outputs.iter().copied());
     let (names, units): (Vec<&str>, Vec<&str>) = wanted.unzip();
     let columns = table.columns_of(&names)?;
     table.check_units(columns.iter().copied().zip(units.into_iter().map(Some)))?;
@@ -367,10 +371,14 @@ pub fn rows(path: &Path, interface: &ModelInterface) -> Result<Rows> {
 /// Random points in the ranges, and the start values; one at a time, because there may be many inputs.
 fn points(inputs: &[Input]) -> impl Iterator<Item = Vec<f64>> {
     let mut random = ChaCha8Rng::seed_from_u64(1);
-    let point = move |_| {
-        inputs.iter().map(|input| input.min + random.random::<f64>() * (input.max - input.min)).collect::<Vec<f64>>()
-    };
-    (0..POINTS).map(point).chain(std::iter::once(inputs.iter().map(|input| input.start).collect()))
+    (0..POINTS)
+        .map(move |_| {
+            inputs
+                .iter()
+                .map(|input| input.min + random.random::<f64>() * (input.max - input.min))
+                .collect::<Vec<f64>>()
+        })
+        .chain(std::iter::once(inputs.iter().map(|input| input.start).collect()))
 }
 
 fn output_ranges(

@@ -119,12 +119,15 @@ impl<'a> StatefulModel<'a> {
             let among = |of: &[usize]| of.iter().position(|other| *other == variable);
             among(&self.parameters).map(|k| parameters + k).or(among(&self.driven).map(|k| driven + k)).unwrap_or(0)
         };
-        let source = |source: &ColumnSource| match *source {
-            ColumnSource::Input(variable) => ColumnSource::Input(place(variable)),
-            ColumnSource::State(state) => ColumnSource::Input(states(state)),
-            ColumnSource::Value(value) => ColumnSource::Value(value),
-        };
-        self.mapping.inputs.iter().map(source).collect()
+        self.mapping
+            .inputs
+            .iter()
+            .map(|source| match *source {
+                ColumnSource::Input(variable) => ColumnSource::Input(place(variable)),
+                ColumnSource::State(state) => ColumnSource::Input(states(state)),
+                ColumnSource::Value(value) => ColumnSource::Value(value),
+            })
+            .collect()
     }
 
     /// Outputs in simulations, row by row: along the rows of a table, or with random inputs, parameters and states.
@@ -275,13 +278,20 @@ fn discrete(known: &StatefulModel, imported: Imported, metadata: Metadata) -> Re
         sources.resize(sources.len().max(recurrence.first + count), ColumnSource::Value(0.0));
         (0..count).for_each(|at| sources[recurrence.first + at] = ColumnSource::Input(first + at));
     }
-    let next = |number: &SampleNumber| match *number {
-        SampleNumber::State(state) => columns[mapping.states[state].output],
-        SampleNumber::Column(column) => columns[column],
-        SampleNumber::Kept(index, place) => [recurrences[index].next as u32, place as u32],
-    };
     let width = numbers.len() + driven.len() + parameters.len();
-    let graph = into_graph(builder, &sources, width, numbers.iter().map(next).collect());
+    let graph = into_graph(
+        builder,
+        &sources,
+        width,
+        numbers
+            .iter()
+            .map(|number| match *number {
+                SampleNumber::State(state) => columns[mapping.states[state].output],
+                SampleNumber::Column(column) => columns[column],
+                SampleNumber::Kept(index, place) => [recurrences[index].next as u32, place as u32],
+            })
+            .collect(),
+    );
     let graph = graph.map_err(|error| known.refused(error))?;
     let step = interface.time.sample.unwrap_or(metadata.time_step);
     let sampling = Sampling {
@@ -296,11 +306,15 @@ fn discrete(known: &StatefulModel, imported: Imported, metadata: Metadata) -> Re
         clock: Clock::Sampled(Box::new(sampling)),
     };
     let with_starts = |starts: &[f64]| {
-        let of_output = |(output, start): (&Output, &f64)| {
-            let Output { name, unit, .. } = output;
-            start_input(name, &format!("{name} at the start"), unit, [*start; 3])
-        };
-        let starts = metadata.outputs.iter().zip(starts).map(of_output).collect();
+        let starts = metadata
+            .outputs
+            .iter()
+            .zip(starts)
+            .map(|(output, start)| {
+                let Output { name, unit, .. } = output;
+                start_input(name, &format!("{name} at the start"), unit, [*start; 3])
+            })
+            .collect();
         made(Metadata { inputs: known.inputs(starts), ..metadata.clone() }, program.clone())
     };
     let mut starts: Vec<f64> = numbers[..outputs].iter().map(start).collect();
@@ -421,11 +435,12 @@ fn difference(one: &[Vec<Option<Vec<f64>>>], other: &[Vec<Option<Vec<f64>>>], ou
     let Ok(ranges) = ranges(other, outputs) else { return f64::INFINITY };
     let rows = one.iter().zip(other).flat_map(|(one, other)| one.iter().zip(other));
     let pairs = rows.filter_map(|(one, other)| one.as_ref().zip(other.as_ref()));
-    let of_row = |(one, other): (&Vec<f64>, &Vec<f64>)| {
-        let numbers = one.iter().zip(other).zip(&ranges);
-        numbers
-            .map(|((one, other), [min, max])| (one - other).abs() / (max - min).max(f64::MIN_POSITIVE))
-            .fold(0.0, f64::max)
-    };
-    pairs.map(of_row).fold(0.0, f64::max)
+    pairs
+        .map(|(one, other)| {
+            let numbers = one.iter().zip(other).zip(&ranges);
+            numbers
+                .map(|((one, other), [min, max])| (one - other).abs() / (max - min).max(f64::MIN_POSITIVE))
+                .fold(0.0, f64::max)
+        })
+        .fold(0.0, f64::max)
 }

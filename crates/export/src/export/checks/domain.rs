@@ -89,20 +89,25 @@ pub fn check_data(fmu: &Fmu, surrogate: &Surrogate, report: &mut Notes) {
 
 /// The point in the ranges that is farthest from the domain, of some that are spread evenly.
 fn far_from_data(domain: &Domain, inputs: &[Input]) -> Option<Vec<f64>> {
-    // multiples of irrational numbers, modulo 1 (Weyl), which is stretched to reach the ends
-    let share = |point: usize, column: usize| {
-        let part = (point as f64 * ((column + 2) as f64).sqrt()).fract();
-        (1.2 * part - 0.1).clamp(0.0, 1.0)
-    };
-    let point = |index: usize| -> Vec<f64> {
-        let value = |(column, input): (usize, &Input)| match input.role {
-            Role::Time | Role::Start => input.start,
-            Role::Parameter(_) | Role::Input => input.min + share(index, column) * (input.max - input.min),
-        };
-        inputs.iter().enumerate().map(value).collect()
-    };
-    let farthest = (1..=POINTS).map(point).max_by(|a, b| domain.distance(a, 0).total_cmp(&domain.distance(b, 0)))?;
+    let farthest = (1..=POINTS)
+        .map(|index| -> Vec<f64> {
+            inputs
+                .iter()
+                .enumerate()
+                .map(|(column, input)| match input.role {
+                    Role::Time | Role::Start => input.start,
+                    Role::Parameter(_) | Role::Input => input.min + share(index, column) * (input.max - input.min),
+                })
+                .collect()
+        })
+        .max_by(|a, b| domain.distance(a, 0).total_cmp(&domain.distance(b, 0)))?;
     (domain.distance(&farthest, 0) > 1e-6).then_some(farthest)
+}
+
+/// Share of the range of a column at a point: a multiple of an irrational number, modulo 1 (Weyl), which is stretched to reach the ends.
+fn share(point: usize, column: usize) -> f64 {
+    let part = (point as f64 * ((column + 2) as f64).sqrt()).fract();
+    (1.2 * part - 0.1).clamp(0.0, 1.0)
 }
 
 /// Number of points that are searched for one far from the data.
@@ -110,10 +115,11 @@ const POINTS: usize = 4096;
 
 fn without_data(fmu: &Fmu, surrogate: &Surrogate, references: &References, point: &[f64]) -> Result<Option<String>> {
     let instance = fmu.instantiate("domain of the data", true)?;
-    let is_set = |column: &usize| !matches!(surrogate.inputs()[*column].role, Role::Time | Role::Start);
     let start = surrogate.time_column().map_or(0.0, |time| point[time]);
     instance.enter_initialization_mode(start, None)?;
-    for column in (0..point.len()).filter(is_set) {
+    for column in
+        (0..point.len()).filter(|column| !matches!(surrogate.inputs()[*column].role, Role::Time | Role::Start))
+    {
         instance.set_real(&[references.inputs[column]], &[point[column]])?;
     }
     holds(&instance, surrogate, references, DomainPolicy::Warn, point)

@@ -55,22 +55,29 @@ fn identity(fmu: &Fmu, surrogate: &Surrogate, report: &mut Notes) {
 fn points(surrogate: &Surrogate, report: &mut Notes) -> Vec<Vec<f64>> {
     let inputs = surrogate.inputs();
     // an input that is at the end of its range for long drives a motion out of the domain
-    let varies = |role: Role| role != Role::Time && (role != Role::Input || !surrogate.program().has_memory());
-    let mut parameters: Vec<usize> = (0..inputs.len()).filter(|&column| varies(inputs[column].role)).collect();
+    let has_memory = surrogate.program().has_memory();
+    let mut parameters: Vec<usize> = (0..inputs.len())
+        .filter(|&column| match inputs[column].role {
+            Role::Time => false,
+            Role::Input => !has_memory,
+            Role::Parameter(_) | Role::Start => true,
+        })
+        .collect();
     if parameters.len() > MAX_CORNER_PARAMETERS as usize {
         report.skipped(format!("corners of the parameter ranges beyond those of {MAX_CORNER_PARAMETERS} parameters"));
         parameters.truncate(MAX_CORNER_PARAMETERS as usize);
     }
     let start: Vec<f64> = inputs.iter().map(|input| input.start).collect();
-    let corner = |corner: u32| {
-        let mut point = start.clone();
-        for (bit, &column) in parameters.iter().enumerate() {
-            let Input { min, max, .. } = inputs[column];
-            point[column] = if corner >> bit & 1 == 0 { min } else { max };
-        }
-        point
-    };
-    let corners: Vec<_> = (0..1 << parameters.len()).map(corner).collect();
+    let corners: Vec<_> = (0..1 << parameters.len())
+        .map(|corner| {
+            let mut point = start.clone();
+            for (bit, &column) in parameters.iter().enumerate() {
+                let Input { min, max, .. } = inputs[column];
+                point[column] = if corner >> bit & 1 == 0 { min } else { max };
+            }
+            point
+        })
+        .collect();
     [vec![start.clone()], corners].concat()
 }
 
@@ -93,21 +100,21 @@ impl<'a> Oracle<'a> {
         let description = fmu.description();
         let inputs: Vec<&str> = surrogate.inputs().iter().map(|input| input.name.as_str()).collect();
         let outputs: Vec<&str> = surrogate.outputs().iter().map(|output| output.name.as_str()).collect();
-        let mut reference = |name: &&str| {
-            let variable = description.variable(name).filter(|variable| variable.kind.as_real().is_some());
-            if variable.is_none() {
-                report.problem(Area::Surrogate, format!("modelDescription.xml has no real variable \"{name}\""));
-            }
-            variable.map(|variable| variable.value_reference)
-        };
         // all of them, so that every one that is missing is reported
         let states: Vec<&str> = surrogate.states().iter().map(|state| state.name.as_str()).collect();
-        let references: Vec<Option<u32>> = inputs.iter().chain(&outputs).chain(&states).map(&mut reference).collect();
+        let references: Vec<Option<u32>> = inputs
+            .iter()
+            .chain(&outputs)
+            .chain(&states)
+            .map(|name| {
+                let variable = description.variable(name).filter(|variable| variable.kind.as_real().is_some());
+                if variable.is_none() {
+                    report.problem(Area::Surrogate, format!("modelDescription.xml has no real variable \"{name}\""));
+                }
+                variable.map(|variable| variable.value_reference)
+            })
+            .collect();
         let references: Vec<u32> = references.into_iter().collect::<Option<_>>()?;
-        let tolerance = |name: &&str| {
-            let nominal = description.variable(name).and_then(|variable| variable.kind.as_real()?.nominal);
-            TOLERANCE * nominal.unwrap_or(1.0)
-        };
         Some(Self {
             fmu,
             surrogate,
@@ -123,7 +130,13 @@ impl<'a> Oracle<'a> {
             inputs: references[..inputs.len()].to_vec(),
             outputs: references[inputs.len()..][..outputs.len()].to_vec(),
             states: references[inputs.len() + outputs.len()..].to_vec(),
-            tolerances: outputs.iter().map(tolerance).collect(),
+            tolerances: outputs
+                .iter()
+                .map(|name| {
+                    let nominal = description.variable(name).and_then(|variable| variable.kind.as_real()?.nominal);
+                    TOLERANCE * nominal.unwrap_or(1.0)
+                })
+                .collect(),
         })
     }
 

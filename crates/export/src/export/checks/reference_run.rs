@@ -199,9 +199,10 @@ impl Reference {
                 ..SimulationOptions::default()
             },
         )?;
-        let position = |name: &str| table.columns.iter().position(|column| column.name == name);
-        let columns: Vec<Option<usize>> = names.iter().map(|name| position(name)).collect();
-        let of_domain = if is_watched { position(in_domain) } else { None };
+        let columns: Vec<Option<usize>> =
+            names.iter().map(|name| table.columns.iter().position(|column| column.name == *name)).collect();
+        let of_domain =
+            if is_watched { table.columns.iter().position(|column| column.name == in_domain) } else { None };
         let last = table.rows.len().saturating_sub(1);
         let mut run = RepeatedRun { integrator, count: 0, rows: Vec::new() };
         let mut is_inside = true;
@@ -210,8 +211,7 @@ impl Reference {
             run.count += 1;
             is_inside &= of_domain.is_none_or(|column| row[column] != 0.0);
             if is_inside {
-                let value = |column: &Option<usize>| column.map_or(f64::NAN, |column| row[column]);
-                run.rows.push(columns.iter().map(value).collect());
+                run.rows.push(columns.iter().map(|column| column.map_or(f64::NAN, |column| row[column])).collect());
             }
         }
         Ok(run)
@@ -224,12 +224,15 @@ impl Reference {
         if run.count != rows.len() {
             return Some(format!("{} rows, expected {}", run.count, rows.len()));
         }
-        let of = |values: &IndexMap<String, f64>, name: &String| values.get(name).copied().unwrap_or(0.0);
-        let tolerance = |name: &String| match run.integrator {
-            Integrator::Fmu => of(&options.tolerances, name),
-            Integrator::Host { .. } => SOLVER * of(&options.tolerances, name) + 2.0 * of(&options.solver_errors, name),
+        let of_names = |values: &IndexMap<String, f64>| -> Vec<f64> {
+            names.iter().map(|name| values.get(name).copied().unwrap_or(0.0)).collect()
         };
-        let tolerances: Vec<f64> = names.iter().map(tolerance).collect();
+        let mut tolerances = of_names(&options.tolerances);
+        if let Integrator::Host { .. } = run.integrator {
+            for (tolerance, error) in tolerances.iter_mut().zip(of_names(&options.solver_errors)) {
+                *tolerance = SOLVER * *tolerance + 2.0 * error;
+            }
+        }
         let mut changes = vec![0.0f64; names.len()];
         for (row, (found, expected)) in run.rows.iter().zip(rows).enumerate() {
             let Some((time, expected)) = expected.split_first() else { continue };

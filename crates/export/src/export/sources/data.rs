@@ -1,7 +1,7 @@
 //! The generated files: sizes, names for the linker, and the surrogate's numbers.
 
 use metafmu_runtime::{
-    Activation, BuiltIn, Clock, Cover, Encoding, Evaluator, Graph, Input, Metadata, Program, Quantity, Role, Sampling,
+    Activation, BuiltIn, Clock, Cover, Encoding, Evaluator, Graph, Input, Metadata, Program, Quantity, Role,
     ScaledNetwork, State, Surrogate, Tunability, Variable, Variables, graph::Elementwise,
 };
 use std::fmt::Write;
@@ -185,7 +185,7 @@ pub fn header(surrogate: &Surrogate, identifier: &str) -> String {
             ("COVER_COUNT", centres.len() / columns.len(), "centres of training data"),
         ]
     });
-    let has = |is: fn(&Sampling) -> bool| surrogate.program().sampling().is_some_and(is);
+    let sampling = surrogate.program().sampling();
     let of_all = [
         ("MODEL_HEADER", format!("\"{header}\"")),
         ("MODEL_GOES_ON", u8::from(columns > inputs).to_string()),
@@ -193,8 +193,8 @@ pub fn header(surrogate: &Surrogate, identifier: &str) -> String {
         ("MODEL_HAS_EQUATIONS", u8::from(surrogate.program().integration().is_some()).to_string()),
         ("MODEL_HAS_MAPS", u8::from(!surrogate.program().has_memory()).to_string()),
         ("MODEL_HAS_COVER", u8::from(surrogate.metadata().cover.is_some()).to_string()),
-        ("MODEL_HAS_SUPPORT", u8::from(has(|sampling| sampling.support.is_some())).to_string()),
-        ("MODEL_HAS_DIRECT", u8::from(has(|sampling| !sampling.direct.is_empty())).to_string()),
+        ("MODEL_HAS_SUPPORT", u8::from(sampling.is_some_and(|sampling| sampling.support.is_some())).to_string()),
+        ("MODEL_HAS_DIRECT", u8::from(sampling.is_some_and(|sampling| !sampling.direct.is_empty())).to_string()),
     ];
     text.push('\n');
     for (name, value) in of_all.into_iter().chain(defines) {
@@ -248,10 +248,11 @@ pub fn source(surrogate: &Surrogate) -> String {
 
 /// Reason why the model cannot be computed in single precision, if there is one; `data` has its definitions.
 fn refusal_of_single(surrogate: &Surrogate, data: &str) -> Option<String> {
-    let is_beyond = |value: f64| value.is_finite() && (value as f32).is_infinite();
     let of_inputs = surrogate.inputs().iter().flat_map(|input| [input.start, input.min, input.max]);
     let of_states = surrogate.states().iter().flat_map(|state| state.range.unwrap_or_default());
-    if data.contains(BEYOND_SINGLE.trim_end()) || of_inputs.chain(of_states).any(is_beyond) {
+    if data.contains(BEYOND_SINGLE.trim_end())
+        || of_inputs.chain(of_states).any(|value| value.is_finite() && (value as f32).is_infinite())
+    {
         return Some("METAFMU_SINGLE: the model has numbers, or ranges, that single precision has not".into());
     }
     let rounding = 0.5 * f64::from(f32::EPSILON) * largest_sum(surrogate);
@@ -271,35 +272,37 @@ fn largest_sum(surrogate: &Surrogate) -> f64 {
     let program = surrogate.program();
     if !program.has_memory() {
         return match networks(&program.graph) {
-            Some((_, networks)) => {
-                let of_network = |network| of_outputs(surrogate, scaled(network), network::sums(network));
-                networks.iter().map(of_network).fold(0.0, f64::max)
-            }
+            Some((_, networks)) => networks
+                .iter()
+                .map(|network| {
+                    let ScaledNetwork { scaling, .. } = network;
+                    of_outputs(surrogate, &scaling.output_mean, &scaling.output_scale, network::sums(network))
+                })
+                .fold(0.0, f64::max),
             None => {
                 let sums = graph::sums(&program.graph);
                 let (means, scales) = (vec![0.0; sums.len()], vec![1.0; sums.len()]);
-                of_outputs(surrogate, (&means, &scales), sums)
+                of_outputs(surrogate, &means, &scales, sums)
             }
         };
     }
-    let largest = |network: &ScaledNetwork| network::sums(network).into_iter().fold(0.0, f64::max);
     match program.motion() {
         Some(motion) => {
             let terms =
                 [motion.dynamics.function_set().network(), motion.positions.network(), motion.dynamics.forces()];
-            terms.into_iter().flatten().map(|term| largest(term.network())).fold(0.0, f64::max)
+            terms.into_iter().flatten().map(|term| largest_of_network(term.network())).fold(0.0, f64::max)
         }
-        None => program.graph.called().and_then(Graph::network).map_or(0.0, |network| largest(&network)),
+        None => program.graph.called().and_then(Graph::network).map_or(0.0, |network| largest_of_network(&network)),
     }
 }
 
-/// Means and scales of the outputs of a network.
-fn scaled(network: &ScaledNetwork) -> (&[f64], &[f64]) {
-    (&network.scaling.output_mean, &network.scaling.output_scale)
+/// The largest of the sums of a network.
+fn largest_of_network(network: &ScaledNetwork) -> f64 {
+    network::sums(network).into_iter().fold(0.0, f64::max)
 }
 
 /// The largest of an output, from sums relative to scales: the standard deviation is about a quarter of the range.
-fn of_outputs(surrogate: &Surrogate, (means, scales): (&[f64], &[f64]), sums: Vec<f64>) -> f64 {
+fn of_outputs(surrogate: &Surrogate, means: &[f64], scales: &[f64], sums: Vec<f64>) -> f64 {
     let outputs = surrogate.outputs().iter().zip(means.iter().zip(scales)).zip(sums);
     outputs
         .map(|((output, (mean, scale)), sum)| (mean.abs() + scale * sum, 0.25 * (output.max - output.min)))
@@ -348,27 +351,51 @@ fn columns(text: &mut String, surrogate: &Surrogate) {
         }
     }
     text.push_str("\nconst Column model_columns[NAMED_COUNT] = {\n");
-    let everywhere = [f64::NEG_INFINITY, f64::INFINITY, 1.0];
-    let valid = |[min, max]: [f64; 2]| [min, max, range_width(min, max)];
-    let mut column = |name: &str, role: &str, start: f64, valid: [f64; 3], nominal: f64, values: &str| {
-        let [min, max, width] = valid;
-        let numbers = [start, min, max, width, nominal].map(double).join(", ");
-        push(text, format_args!("    {{{}, {role}, {numbers}, {values}}},\n", string(name)));
-    };
     for (index, Input { name, min, max, start, role, encoding, .. }) in surrogate.inputs().iter().enumerate() {
         // as in the domain: the state that begins there has a range
         let is_everywhere = *role == Role::Start || *encoding == Encoding::Periodic;
-        let valid = if is_everywhere { everywhere } else { valid([*min, *max]) };
+        let range = (!is_everywhere).then_some([*min, *max]);
         let values = match encoding {
             Encoding::Nominal(values) => format!("{}, values_{index}", values.len()),
             Encoding::Plain | Encoding::Periodic => NO_VALUES.into(),
         };
-        column(name, role_name(*role), *start, valid, 1.0, &values);
+        let of_input =
+            DescribedColumn { name, role: role_name(*role), start: *start, range, nominal: 1.0, values: &values };
+        text.push_str(&of_input.row());
     }
     for State { name, range, nominal, .. } in surrogate.states() {
-        column(name, "ROLE_STATE", 0.0, range.map_or(everywhere, valid), *nominal, NO_VALUES);
+        let of_state = DescribedColumn {
+            name,
+            role: "ROLE_STATE",
+            start: 0.0,
+            range: *range,
+            nominal: *nominal,
+            values: NO_VALUES,
+        };
+        text.push_str(&of_state.row());
     }
     text.push_str("};\n");
+}
+
+/// A column of the model as C describes it.
+struct DescribedColumn<'a> {
+    name: &'a str,
+    role: &'a str,
+    start: f64,
+    /// None if every value is valid.
+    range: Option<[f64; 2]>,
+    nominal: f64,
+    values: &'a str,
+}
+
+impl DescribedColumn<'_> {
+    fn row(&self) -> String {
+        let Self { name, role, start, range, nominal, values } = *self;
+        let [min, max, width] =
+            range.map_or([f64::NEG_INFINITY, f64::INFINITY, 1.0], |[min, max]| [min, max, range_width(min, max)]);
+        let numbers = [start, min, max, width, nominal].map(double).join(", ");
+        format!("    {{{}, {role}, {numbers}, {values}}},\n", string(name))
+    }
 }
 
 /// Scale of distances from a range, as in [`metafmu_runtime::Domain`].

@@ -32,14 +32,14 @@ const DATA: &str = "model_data.c";
 /// step may be a dictionary.
 pub fn cover(program: &Program) -> bool {
     let steps = &program.graph.steps;
-    let count = |is_wanted: fn(&Step) -> bool| steps.iter().filter(|step| is_wanted(step)).count();
-    let alone = count(|step| matches!(step, Step::Motion { .. } | Step::Interpolate { .. }));
+    let is_alone = steps.iter().any(|step| matches!(step, Step::Motion { .. } | Step::Interpolate { .. }));
+    let dictionaries = steps.iter().filter(|step| matches!(step, Step::Dictionary { .. })).count();
     let has_clock = match steps.first() {
         Some(Step::Motion { .. }) => program.integration().is_some(),
         Some(Step::Interpolate { .. }) => !program.has_memory(),
         _ => true,
     };
-    has_clock && (alone == 0 || steps.len() == 1) && count(|step| matches!(step, Step::Dictionary { .. })) <= 1
+    has_clock && (!is_alone || steps.len() == 1) && dictionaries <= 1
 }
 
 /// Everything of the `sources/` folder: archive names with bytes, sorted; for FMI 3.0 with the build description. The

@@ -46,14 +46,20 @@ pub fn section(material: &Material) -> Option<Section> {
 
     let both = [(&names[0], "left", sides[0]), (&names[1], "right", sides[1])];
     let pairs = |title: &str, figure: &dyn Fn(&Evaluated, usize, &str) -> super::Figure| {
-        let pair = |column: usize| {
-            both.map(|(name, side, evaluated)| {
-                let mut figure = figure(evaluated, column, side);
-                figure.caption = format!("{name}. {}", figure.caption);
-                figure
-            })
-        };
-        [ReportBlock::Html(format!("<h3>{title}</h3>")), ReportBlock::Figures(shown(own).flat_map(pair).collect())]
+        [
+            ReportBlock::Html(format!("<h3>{title}</h3>")),
+            ReportBlock::Figures(
+                shown(own)
+                    .flat_map(|column| {
+                        both.map(|(name, side, evaluated)| {
+                            let mut figure = figure(evaluated, column, side);
+                            figure.caption = format!("{name}. {}", figure.caption);
+                            figure
+                        })
+                    })
+                    .collect(),
+            ),
+        ]
     };
     blocks.extend(pairs("Prediction against label", &|evaluated, column, side| {
         density_figure(evaluated, column, &format!("beside-{side}"))

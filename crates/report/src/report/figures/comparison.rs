@@ -92,8 +92,9 @@ fn scores(models: &[ModelRow]) -> Option<ReportBlock> {
         std::iter::once("R² of".into()).chain(outputs.iter().map(|output| escape(output))).collect();
     let measured = models.iter().filter(|row| !row.outputs.is_empty());
     let rows = measured.map(|row| {
-        let score = |output: &&String| row.outputs.get(*output).map_or("-".into(), |accuracy| r2(accuracy.r2));
-        std::iter::once(code(&row.model)).chain(outputs.iter().map(score)).collect()
+        std::iter::once(code(&row.model))
+            .chain(outputs.iter().map(|output| row.outputs.get(*output).map_or("-".into(), |accuracy| r2(accuracy.r2))))
+            .collect()
     });
     let headings: Vec<&str> = headings.iter().map(String::as_str).collect();
     Some(table(&headings, rows))

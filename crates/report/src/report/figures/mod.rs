@@ -63,8 +63,13 @@ fn verdict(material: &Material) -> Option<Section> {
 /// Figures of a model card: errors over time, and the worst test run of the output with the largest error. For a static
 /// map they are the predictions of that output.
 pub fn card_figures(evaluated: &Evaluated) -> Vec<Figure> {
-    let r2 = |(output, metrics): (usize, &crate::evaluation::OutputMetrics)| (output, metrics.r2.unwrap_or(1.0));
-    let worst = evaluated.accuracy.outputs.values().enumerate().map(r2).min_by(|a, b| a.1.total_cmp(&b.1));
+    let worst = evaluated
+        .accuracy
+        .outputs
+        .values()
+        .enumerate()
+        .map(|(output, metrics)| (output, metrics.r2.unwrap_or(1.0)))
+        .min_by(|a, b| a.1.total_cmp(&b.1));
     if evaluated.is_of_rows() {
         return worst.iter().map(|(output, _)| accuracy::density_figure(evaluated, *output, "density")).collect();
     }
@@ -103,11 +108,12 @@ fn words(evaluated: &Evaluated) -> [&'static str; 2] {
 
 /// The parameters that differ between the test runs: the others have no charts.
 fn varying(evaluated: &Evaluated) -> Vec<usize> {
-    let differs = |column: &usize| {
-        let mut values = evaluated.test.runs.iter().map(|run| run.parameters[*column]);
-        values.next().is_some_and(|first| values.any(|value| value != first))
-    };
-    (0..evaluated.test.parameters.len()).filter(differs).collect()
+    (0..evaluated.test.parameters.len())
+        .filter(|column| {
+            let mut values = evaluated.test.runs.iter().map(|run| run.parameters[*column]);
+            values.next().is_some_and(|first| values.any(|value| value != first))
+        })
+        .collect()
 }
 
 /// Returns true if the truth of an output varies: a constant has neither a diagonal nor a distribution.

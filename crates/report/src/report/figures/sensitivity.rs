@@ -38,20 +38,22 @@ fn overview(evaluated: &Evaluated, sensitivities: &[Sensitivity]) -> ReportBlock
     let varying = varying(evaluated);
     let names = varying.iter().map(|&column| escape(parameter(evaluated, column).0));
     let headings: Vec<String> = ["output", "unit"].map(String::from).into_iter().chain(names).collect();
-    let row = |(column, sensitivity): (usize, &Sensitivity)| {
-        let (name, output_unit) = output(evaluated, column);
-        let sum = sensitivity.mean.iter().sum::<f64>().max(f64::MIN_POSITIVE);
-        let cell = |value: &f64| {
-            let share = 100.0 * value / sum;
-            format!("{}<div class=\"bar\"><i style=\"width:{share:.0}%\"></i></div>", number(*value))
-        };
-        [code(name), unit(output_unit)]
-            .into_iter()
-            .chain(varying.iter().map(|&column| cell(&sensitivity.mean[column])))
-            .collect()
-    };
     let headings: Vec<&str> = headings.iter().map(String::as_str).collect();
-    table(&headings, sensitivities.iter().enumerate().map(row))
+    table(
+        &headings,
+        sensitivities.iter().enumerate().map(|(column, sensitivity)| {
+            let (name, output_unit) = output(evaluated, column);
+            let sum = sensitivity.mean.iter().sum::<f64>().max(f64::MIN_POSITIVE);
+            let cell = |value: &f64| {
+                let share = 100.0 * value / sum;
+                format!("{}<div class=\"bar\"><i style=\"width:{share:.0}%\"></i></div>", number(*value))
+            };
+            [code(name), unit(output_unit)]
+                .into_iter()
+                .chain(varying.iter().map(|&column| cell(&sensitivity.mean[column])))
+                .collect()
+        }),
+    )
 }
 
 fn over_time(evaluated: &Evaluated, column: usize, sensitivity: &Sensitivity) -> Vec<Figure> {

@@ -81,10 +81,15 @@ pub fn summary(material: &Material) -> Section {
     let test_runs = *test_runs;
     blocks.extend(evaluated.accuracy.roll_outs.iter().flat_map(|found| roll_outs(found, test_runs)));
     if let Some(bounds) = evaluated.surrogate.bounds().filter(|_| is_of_rows) {
-        let of_output = |(index, output): (usize, &Output)| {
-            format!("{} ±{} {}", output.name, number(bounds.largest(index)), output.unit).trim_end().to_owned()
-        };
-        let widths: Vec<String> = evaluated.surrogate.predictions().iter().enumerate().map(of_output).collect();
+        let widths: Vec<String> = evaluated
+            .surrogate
+            .predictions()
+            .iter()
+            .enumerate()
+            .map(|(index, output)| {
+                format!("{} ±{} {}", output.name, number(bounds.largest(index)), output.unit).trim_end().to_owned()
+            })
+            .collect();
         blocks.push(paragraph(&format!(
             "Error bounds, from the errors of these rows: {}. {} of further rows inside the ranges are expected within each.",
             widths.join(", "),

@@ -48,16 +48,18 @@ impl SystemRun {
     /// # Errors
     /// [`Error::Component`].
     pub fn load(&self) -> Result<Vec<Loaded>> {
-        let load = |ComponentRun { name, path, model, .. }: &ComponentRun| {
-            let loaded = match model {
-                ComponentModel::Fmu { folder, interface } => {
-                    Fmu::open_unpacked(path, folder, *interface).map(|fmu| Loaded::Fmu(ManuallyDrop::new(fmu)))
-                }
-                ComponentModel::Mechanism { text } => Mechanism::parse(text, path).map(Loaded::Mechanism),
-            };
-            loaded.map_err(of_component(name))
-        };
-        self.components.iter().map(load).collect()
+        self.components
+            .iter()
+            .map(|ComponentRun { name, path, model, .. }| {
+                let loaded = match model {
+                    ComponentModel::Fmu { folder, interface } => {
+                        Fmu::open_unpacked(path, folder, *interface).map(|fmu| Loaded::Fmu(ManuallyDrop::new(fmu)))
+                    }
+                    ComponentModel::Mechanism { text } => Mechanism::parse(text, path).map(Loaded::Mechanism),
+                };
+                loaded.map_err(of_component(name))
+            })
+            .collect()
     }
 
     /// Makes an instance of each component.
@@ -65,11 +67,14 @@ impl SystemRun {
     /// # Errors
     /// [`Error::Component`].
     pub fn instantiate<'a>(&self, loaded: &'a [Loaded]) -> Result<Vec<Instantiated<'a>>> {
-        let instantiate = |(ComponentRun { name, .. }, loaded): (&ComponentRun, &'a Loaded)| match loaded {
-            Loaded::Fmu(fmu) => fmu.instantiate(name, false).map(Instantiated::Fmu).map_err(of_component(name)),
-            Loaded::Mechanism(mechanism) => Ok(Instantiated::Mechanism(mechanism)),
-        };
-        self.components.iter().zip(loaded).map(instantiate).collect()
+        self.components
+            .iter()
+            .zip(loaded)
+            .map(|(ComponentRun { name, .. }, loaded)| match loaded {
+                Loaded::Fmu(fmu) => fmu.instantiate(name, false).map(Instantiated::Fmu).map_err(of_component(name)),
+                Loaded::Mechanism(mechanism) => Ok(Instantiated::Mechanism(mechanism)),
+            })
+            .collect()
     }
 
     /// Makes the run with instances that are new, and gives its rows to a sink: recorded variables, those watched, [`TIMES`]. Returns
@@ -164,8 +169,12 @@ impl SystemRun {
 
     /// Columns of the rows.
     fn columns(&self) -> Vec<RecordedColumn> {
-        let variable = |Port { component, variable }: &Port| format!("{}.{variable}", self.components[*component].name);
-        let names = self.recorded.iter().chain(&self.watched).map(variable).chain(TIMES.map(str::to_owned));
+        let names = self
+            .recorded
+            .iter()
+            .chain(&self.watched)
+            .map(|Port { component, variable }| format!("{}.{variable}", self.components[*component].name))
+            .chain(TIMES.map(str::to_owned));
         names.map(|name| RecordedColumn { name, unit: None }).collect()
     }
 

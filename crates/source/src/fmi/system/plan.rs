@@ -77,14 +77,18 @@ impl FmuSystem {
             let variable = sources[end.component].description().variable(&end.connector)?;
             Some(group(variable))
         };
-        let mixed = |Connection { from, to }: &Connection| {
-            let (one, other) = (kind(from)?, kind(to)?);
-            let message =
-                format!("`{}` is {one}, and `{}` is {other}: expected equal types", from.connector, to.connector);
-            // all of them are numbers
-            (one != other && other != REAL).then_some((from.line, message))
-        };
-        self.refuse(self.connections.iter().filter_map(mixed).collect())?;
+        let mixed = self
+            .connections
+            .iter()
+            .filter_map(|Connection { from, to }| {
+                let (one, other) = (kind(from)?, kind(to)?);
+                let message =
+                    format!("`{}` is {one}, and `{}` is {other}: expected equal types", from.connector, to.connector);
+                // all of them are numbers
+                (one != other && other != REAL).then_some((from.line, message))
+            })
+            .collect();
+        self.refuse(mixed)?;
         let port = |end: &End| port(end.component, &sources[end.component], &end.connector);
         Ok(self.connections.iter().map(|Connection { from, to }| [port(from), port(to)]).collect())
     }

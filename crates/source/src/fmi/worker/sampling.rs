@@ -250,11 +250,13 @@ impl SamplingTask {
 
     /// Position of each output among the columns of a recorder.
     fn columns(&self, recorded: &[RecordedColumn]) -> std::result::Result<Vec<usize>, SamplingError> {
-        let position = |output: &String| {
-            let position = recorded.iter().position(|column| column.name == *output);
-            position.ok_or_else(|| SamplingError::NotRecorded { output: output.clone() })
-        };
-        self.outputs.iter().map(position).collect()
+        self.outputs
+            .iter()
+            .map(|output| {
+                let position = recorded.iter().position(|column| column.name == *output);
+                position.ok_or_else(|| SamplingError::NotRecorded { output: output.clone() })
+            })
+            .collect()
     }
 }
 

@@ -367,10 +367,10 @@ fn recorded_as<'a>(description: &'a ModelDescription, name: &str) -> Option<&'a 
         let variable = description.variable(array).filter(|variable| !variable.dimensions.is_empty())?;
         let sizes = description.shape(variable)?;
         let indices: Vec<&str> = indices.split(',').collect();
-        let is_index = |(index, size): (&&str, &u64)| {
-            index.parse().is_ok_and(|number: u64| (1..=*size).contains(&number) && number.to_string() == *index)
-        };
-        let fits = indices.len() == sizes.len() && indices.iter().zip(&sizes).all(is_index);
+        let fits = indices.len() == sizes.len()
+            && indices.iter().zip(&sizes).all(|(index, size)| {
+                index.parse().is_ok_and(|number: u64| (1..=*size).contains(&number) && number.to_string() == *index)
+            });
         fits.then_some(variable)
     })
 }

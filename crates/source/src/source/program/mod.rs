@@ -174,8 +174,8 @@ impl Launcher for &ProgramRuns {
         let states = self.study.states.len();
         let numbers = self.times.len().max(64) * (self.study.outputs.len() + states + states * states);
         let started = RunningProgram::start(&self.command, numbers, limit, workers.stop);
-        let refused = |error: Error| self.study.refusal("source.command", error.to_string());
-        let Some((program, description)) = started.map_err(refused)? else { return Ok(None) };
+        let started = started.map_err(|error| self.study.refusal("source.command", error.to_string()))?;
+        let Some((program, description)) = started else { return Ok(None) };
         self.study.refuse(description::differences(&description, &self.study))?;
         Ok(Some(Box::new(ProgramProcess { program, runs: (*self).clone() })))
     }

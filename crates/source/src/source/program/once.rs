@@ -69,12 +69,17 @@ impl OneShot {
             placeholders.push((INPUTS.into(), inputs.display().to_string()));
         }
         placeholders.extend(parameters.iter().map(|(name, value)| (format!("{{{name}}}"), format!("{value:?}"))));
-        let filled = |argument: &String| {
-            let fill =
-                |text: String, (placeholder, value): &(String, String)| text.replace(placeholder.as_str(), value);
-            placeholders.iter().fold(argument.clone(), fill)
-        };
-        Ok(self.runs.command.arguments.iter().map(filled).collect())
+        Ok(self
+            .runs
+            .command
+            .arguments
+            .iter()
+            .map(|argument| {
+                let fill =
+                    |text: String, (placeholder, value): &(String, String)| text.replace(placeholder.as_str(), value);
+                placeholders.iter().fold(argument.clone(), fill)
+            })
+            .collect())
     }
 
     fn table_of_inputs(&self, signals: &[f64]) -> String {

@@ -63,11 +63,14 @@ impl Motions {
 
     /// Trajectories to learn from.
     pub(super) fn learned(&self) -> Vec<Trajectory> {
-        let part = |run: &usize| {
-            let rows = self.runs[*run].times.partition_point(|time| *time <= self.stop);
-            self.trajectories[*run].first(rows)
-        };
-        self.chosen.train.iter().map(part).collect()
+        self.chosen
+            .train
+            .iter()
+            .map(|run| {
+                let rows = self.runs[*run].times.partition_point(|time| *time <= self.stop);
+                self.trajectories[*run].first(rows)
+            })
+            .collect()
     }
 }
 
@@ -129,8 +132,10 @@ impl ColumnNames {
     pub(super) fn find_motions(&self, study: &Study, table: &Table) -> Result<()> {
         let rates = study.states.values().filter_map(|state| state.rate.as_ref());
         let names = study.states.keys().chain(rates).chain(study.inputs.keys());
-        let there = |name: &String| study.source.columns.get(name).unwrap_or(name).clone();
-        let names = names.map(there).chain(self.parameters.iter().cloned()).chain([self.time.clone()]);
+        let names = names
+            .map(|name| study.source.columns.get(name).unwrap_or(name).clone())
+            .chain(self.parameters.iter().cloned())
+            .chain([self.time.clone()]);
         table.columns_of(&names.collect::<Vec<String>>()).map(drop)
     }
 }
@@ -159,13 +164,16 @@ impl MotionColumns {
             coordinates.push(coordinate);
             rates.push(state.rate.clone());
         }
-        let input = |(name, options): (&String, &crate::study::InputOptions)| {
-            resolve(table, &there(name), name, options.unit.as_deref(), options.description.as_deref())
-        };
-        let inputs = study.inputs.iter().map(input).collect::<Result<_>>()?;
+        let inputs = study
+            .inputs
+            .iter()
+            .map(|(name, options)| {
+                resolve(table, &there(name), name, options.unit.as_deref(), options.description.as_deref())
+            })
+            .collect::<Result<_>>()?;
         let states = [coordinates, velocities].concat();
-        let position = |name: &String| states.iter().position(|state| state.name == *name);
-        let shown = study.outputs.keys().filter_map(position).collect();
+        let shown =
+            study.outputs.keys().filter_map(|name| states.iter().position(|state| state.name == *name)).collect();
         Ok(Self { states, rates, inputs, shown })
     }
 
@@ -238,11 +246,15 @@ impl MotionColumns {
         let column = |column: usize| run.outputs.iter().skip(column).step_by(width).copied().collect::<Vec<f64>>();
         let step = (run.times[rows - 1] - run.times[0]) / rows.saturating_sub(1).max(1) as f64;
         let mut given = n..;
-        let rate = |(k, rate): (usize, &Option<String>)| match (rate, given.next()) {
-            (Some(_), Some(position)) => column(position),
-            _ => differences(&run.outputs, width, k, step),
-        };
-        let rates: Vec<Vec<f64>> = self.rates.iter().enumerate().map(rate).collect();
+        let rates: Vec<Vec<f64>> = self
+            .rates
+            .iter()
+            .enumerate()
+            .map(|(k, rate)| match (rate, given.next()) {
+                (Some(_), Some(position)) => column(position),
+                _ => differences(&run.outputs, width, k, step),
+            })
+            .collect();
         let by_rows =
             |columns: &[Vec<f64>]| (0..rows).flat_map(|row| columns.iter().map(move |column| column[row])).collect();
         Trajectory {

@@ -267,13 +267,12 @@ impl<'a> Runs<'a> {
             let start = before + number * steps;
             let from = if number == 0 { 0 } else { start.saturating_sub(longest) };
             let rows = from..start + steps + 1;
-            let time = |row: usize| step * (row as f64 - start as f64);
             let [inputs, outputs] = [(&first.inputs, widths[0]), (&first.outputs, widths[1])]
                 .map(|(values, width)| values[rows.start * width..rows.end * width].to_vec());
             let mut parameters = first.parameters.clone();
             let own = parameters.len() - widths[0] - widths[1];
             parameters[own..own + widths[1]].copy_from_slice(&outputs[..widths[1]]);
-            Run { parameters, times: rows.map(time).collect(), inputs, outputs }
+            Run { parameters, times: rows.map(|row| step * (row as f64 - start as f64)).collect(), inputs, outputs }
         };
         let cut: Vec<Run> = (0..pieces).map(piece).collect();
         self.finished.splice(..1, cut);
@@ -346,11 +345,10 @@ impl<'a> Runs<'a> {
             squares.iter_mut().zip(errors(k, row)).for_each(|(sum, error)| *sum += error * error);
         }
         let usual: Vec<f64> = squares.iter().map(|sum| (sum / known.len() as f64).sqrt()).collect();
-        let contradicts = |k: usize| {
+        (0..order - 1).any(|k| {
             let errors = errors(k, &past(k));
             errors.iter().zip(&usual).any(|(error, usual)| error.abs() > MUCH_LARGER * usual)
-        };
-        (0..order - 1).any(contradicts)
+        })
     }
 }
 

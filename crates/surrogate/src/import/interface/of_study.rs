@@ -13,10 +13,6 @@ impl ModelInterface {
                 study.inputs.get(&name).map_or_else(Default::default, |input| (input.min, input.max, input.start));
             (name, InterfaceInput { unit, description, min, max, start, ..InterfaceInput::default() })
         };
-        let output = |variable: &SourceVariable| {
-            let SourceVariable { name, unit, description, .. } = variable.clone();
-            (name, InterfaceOutput { unit, description, ..InterfaceOutput::default() })
-        };
         let time = InterfaceTime { step: Some(study.time.step), stop: study.time.stop, ..InterfaceTime::default() };
         Self {
             name: study.name.clone(),
@@ -26,7 +22,13 @@ impl ModelInterface {
             layers: Vec::new(),
             inputs: inputs.iter().map(input).collect(),
             states: IndexMap::new(),
-            outputs: outputs.iter().map(output).collect(),
+            outputs: outputs
+                .iter()
+                .map(|variable| {
+                    let SourceVariable { name, unit, description, .. } = variable.clone();
+                    (name, InterfaceOutput { unit, description, ..InterfaceOutput::default() })
+                })
+                .collect(),
             origin: study.origin().clone(),
         }
     }

@@ -118,8 +118,7 @@ fn shortest(value: f32) -> f64 {
     }
     let text = format!("{value:e}");
     let digits = text.split('e').next().unwrap_or_default().chars().filter(char::is_ascii_digit).count();
-    let fraction = |parts: f64| (f64::from(value) * parts).round() / parts;
-    let fractions = [3.0, 6.0, 7.0, 9.0, 11.0, 12.0].map(fraction);
+    let fractions = [3.0, 6.0, 7.0, 9.0, 11.0, 12.0].map(|parts| (f64::from(value) * parts).round() / parts);
     let meant = fractions.into_iter().find(|meant| digits >= MANY_DIGITS && *meant as f32 == value);
     meant.or_else(|| text.parse().ok()).unwrap_or(value.into())
 }

@@ -105,12 +105,15 @@ pub fn described(bytes: &[u8]) -> [Vec<Described>; 2] {
     [("input", true), ("output", false)].map(|(what, has_range)| {
         let (names, units) = (texts(&format!("{what}_names")), texts(&format!("{what}_units")));
         let range = |place: usize| Some([*min.get(place)?, *max.get(place)?]).filter(|_| has_range);
-        let of = |(place, name): (usize, String)| Described {
-            unit: units.get(place).cloned().unwrap_or_default(),
-            range: range(place),
-            name,
-        };
-        names.into_iter().enumerate().map(of).collect()
+        names
+            .into_iter()
+            .enumerate()
+            .map(|(place, name)| Described {
+                unit: units.get(place).cloned().unwrap_or_default(),
+                range: range(place),
+                name,
+            })
+            .collect()
     })
 }
 
@@ -202,13 +205,15 @@ impl GraphReader {
         }
         let names = rows.iter().flat_map(|(name, (shape, _))| element_names(name, shape.iter().product()));
         let inputs: Vec<String> = names.collect();
-        let of_rows = |(name, (shape, _)): &(&String, (Vec<usize>, bool))| match shape.as_slice() {
-            [rows, rest @ ..] if *rows > 1 && !rest.is_empty() => {
-                Some((name.to_string(), *rows, rest.iter().product()))
-            }
-            _ => None,
-        };
-        let stacked = rows.iter().filter_map(of_rows).collect();
+        let stacked = rows
+            .iter()
+            .filter_map(|(name, (shape, _))| match shape.as_slice() {
+                [rows, rest @ ..] if *rows > 1 && !rest.is_empty() => {
+                    Some((name.to_string(), *rows, rest.iter().product()))
+                }
+                _ => None,
+            })
+            .collect();
         let mut builder = Builder::new(inputs.len());
         let is_single = rows.iter().all(|(_, (_, is_single))| *is_single);
         let has_trees = graph.node.iter().any(|node| node.op_type.starts_with("TreeEnsemble"));

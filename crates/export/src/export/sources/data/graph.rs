@@ -11,7 +11,7 @@ use super::{
 use metafmu_runtime::{
     dictionary::Dictionary,
     function_set::FunctionSet,
-    graph::{Elementwise, Graph, LEAF, Node, Operation, Step, Tree},
+    graph::{Elementwise, Forest, Graph, LEAF, Node, Operation, Products, Step, Tree},
     listing::Listing,
 };
 
@@ -29,6 +29,43 @@ struct StepRow {
     trees: [usize; 2],
     degrees: String,
     orders: usize,
+}
+
+/// Numbers of a graph up to those of a step.
+struct StepLayout<'a> {
+    /// First number of the columns and of each step.
+    begins: &'a [usize],
+    widths: &'a [usize],
+}
+
+impl StepLayout<'_> {
+    /// First number of the step.
+    fn begin(&self) -> usize {
+        self.begins[self.begins.len() - 1]
+    }
+
+    /// How many numbers the step has.
+    fn count(&self) -> usize {
+        self.widths[self.begins.len() - 1]
+    }
+
+    /// The row of a step that has no numbers.
+    fn row(&self, kind: &'static str, of: usize) -> StepRow {
+        StepRow {
+            kind,
+            function: "FUNCTION_TANH".into(),
+            operation: 0,
+            of: [self.begins[of]; 3],
+            width: self.widths[of],
+            numbers: "NULL".into(),
+            parameter_step: 0,
+            more: "NULL".into(),
+            places: "NULL".into(),
+            trees: [0; 2],
+            degrees: "NULL".into(),
+            orders: 0,
+        }
+    }
 }
 
 /// Generated data of a graph. `graph.c` and `graph_steps.h` have the formulas.
@@ -59,13 +96,21 @@ impl GraphSources {
         let mut sources = Self { numbers: graph.inputs, ..Self::default() };
         sources.lay(graph, 0);
         let Self { rows, nodes, trees, data, sizes, numbers, .. } = &mut sources;
-        let of_node = |Node { column, number, below: [first, second] }: &Node| {
-            let column = if *column == LEAF { "NO_COLUMN".into() } else { column.to_string() };
-            format!("{column}, {}, {{{first}, {second}}}", real(*number))
-        };
-        table(data, "const GraphNode model_graph_nodes", nodes.iter().map(of_node), "NO_COLUMN, 0.0, {0, 0}");
-        let of_tree = |Tree { root, output }: &Tree| format!("{root}, {output}");
-        table(data, "const GraphTree model_graph_trees", trees.iter().map(of_tree), "0, 0");
+        table(
+            data,
+            "const GraphNode model_graph_nodes",
+            nodes.iter().map(|Node { column, number, below: [first, second] }| {
+                let column = if *column == LEAF { "NO_COLUMN".into() } else { column.to_string() };
+                format!("{column}, {}, {{{first}, {second}}}", real(*number))
+            }),
+            "NO_COLUMN, 0.0, {0, 0}",
+        );
+        table(
+            data,
+            "const GraphTree model_graph_trees",
+            trees.iter().map(|Tree { root, output }| format!("{root}, {output}")),
+            "0, 0",
+        );
         sizes.extend([
             BLOCK_SIZE,
             ("STEP_COUNT", rows.len(), ""),
@@ -96,7 +141,7 @@ impl GraphSources {
             let begin = self.numbers + noted;
             self.numbers = begin + widths[number + 1];
             begins.push(begin);
-            self.add(step, (&begins, &widths));
+            self.add(step, &StepLayout { begins: &begins, widths: &widths });
         }
         begins[graph.steps.len()]
     }
@@ -111,11 +156,10 @@ impl GraphSources {
         listing.registers
     }
 
-    fn add(&mut self, step: &Step, (begins, widths): (&[usize], &[usize])) {
-        let number = begins.len() - 1;
-        let (begin, count) = (begins[number], widths[number]);
-        let row = row(step, self.rows.len(), (begins, widths), &mut self.data, (&mut self.nodes, &mut self.trees));
-        self.operations = of_step(step, (row.width, count)).times(1.0, self.operations);
+    fn add(&mut self, step: &Step, layout: &StepLayout) {
+        let row = self.row(step, layout);
+        let (begin, count) = (layout.begin(), layout.count());
+        self.operations = of_step(step, row.width, count).times(1.0, self.operations);
         let StepRow {
             kind,
             function,
@@ -136,116 +180,120 @@ impl GraphSources {
             trees[0], trees[1]
         ));
     }
-}
 
-fn row(
-    step: &Step,
-    number: usize,
-    (begins, widths): (&[usize], &[usize]),
-    data: &mut String,
-    (nodes, trees): (&mut Vec<Node>, &mut Vec<Tree>),
-) -> StepRow {
-    let none = || String::from("NULL");
-    let row = |kind, of: usize| StepRow {
-        kind,
-        function: "FUNCTION_TANH".into(),
-        operation: 0,
-        of: [begins[of]; 3],
-        width: widths[of],
-        numbers: none(),
-        parameter_step: 0,
-        more: none(),
-        places: none(),
-        trees: [0; 2],
-        degrees: none(),
-        orders: 0,
-    };
-    let mut numbers = |what: &str, values: &[f64]| {
-        let name = format!("{what}_{number}");
-        array(data, &format!("static const Real {name}"), values);
+    fn row(&mut self, step: &Step, layout: &StepLayout) -> StepRow {
+        match step {
+            Step::Affine { of, weight, bias } => {
+                let weights = in_blocks(&weight.iter().collect::<Vec<f64>>(), layout.widths[*of]);
+                let bias: Vec<f64> = bias.iter().collect();
+                StepRow {
+                    numbers: self.array("weights", &weights),
+                    more: self.array("bias", &bias),
+                    ..layout.row("STEP_AFFINE", *of)
+                }
+            }
+            Step::Elementwise { of, function, parameters } => {
+                self.elementwise(*function, parameters, layout.row("STEP_ELEMENTWISE", *of))
+            }
+            Step::Combine { of: [a, b], operation } => {
+                let place = Operation::ALL.iter().position(|known| known == operation);
+                let operation = place.expect("all of them are listed");
+                let of = [layout.begins[*a], layout.begins[*b], 0];
+                StepRow { operation, of, ..layout.row("STEP_COMBINE", *a) }
+            }
+            Step::Select { of: [condition, a, b] } => {
+                StepRow { of: [*condition, *a, *b].map(|of| layout.begins[of]), ..layout.row("STEP_SELECT", *a) }
+            }
+            Step::Columns { columns } => self.columns(columns, layout),
+            Step::Standardize { of, mean, scale } => {
+                let per_scale: Vec<f64> = scale.iter().map(|scale| 1.0 / scale).collect();
+                StepRow {
+                    numbers: self.array("mean", mean),
+                    more: self.array("per_scale", &per_scale),
+                    ..layout.row("STEP_STANDARDIZE", *of)
+                }
+            }
+            Step::Rescale { of, mean, scale } => StepRow {
+                numbers: self.array("mean", mean),
+                more: self.array("scale", scale),
+                ..layout.row("STEP_RESCALE", *of)
+            },
+            Step::Normalize { of, epsilon } => {
+                StepRow { more: self.array("epsilon", &[*epsilon]), ..layout.row("STEP_NORMALIZE", *of) }
+            }
+            Step::Softmax { of } => layout.row("STEP_SOFTMAX", *of),
+            Step::Distances { of, centres, lengths } => {
+                let per_length: Vec<f64> = lengths.iter().map(|length| 1.0 / length).collect();
+                StepRow {
+                    numbers: self.array("centres", centres),
+                    more: self.array("per_length", &per_length),
+                    ..layout.row("STEP_DISTANCES", *of)
+                }
+            }
+            Step::Forest { of, forest, .. } => {
+                StepRow { trees: self.add_forest(forest), ..layout.row("STEP_FOREST", *of) }
+            }
+            Step::Products { of, products } => {
+                let degrees = self.degrees(products);
+                StepRow { degrees, orders: products.orders(), ..layout.row("STEP_PRODUCTS", *of) }
+            }
+            Step::Dictionary { of, .. } => layout.row("STEP_DICTIONARY", *of),
+            Step::Call { .. } | Step::Interpolate { .. } | Step::Motion { .. } => {
+                unreachable!("graphs that are called are laid out step by step, others have separate sources")
+            }
+        }
+    }
+
+    /// Name of an array of numbers of the next row, which it writes.
+    fn array(&mut self, what: &str, values: &[f64]) -> String {
+        let name = format!("{what}_{}", self.rows.len());
+        array(&mut self.data, &format!("static const Real {name}"), values);
         name
-    };
-    match step {
-        Step::Affine { of, weight, bias } => StepRow {
-            numbers: numbers("weights", &in_blocks(&weight.iter().collect::<Vec<f64>>(), widths[*of])),
-            more: numbers("bias", &bias.iter().collect::<Vec<f64>>()),
-            ..row("STEP_AFFINE", *of)
-        },
-        Step::Elementwise { of, function, parameters } => {
-            let is_each = parameters.len() > function.parameters();
-            // there are always two, so that nothing else is read
-            let (count, each) = (function.parameters(), if is_each { widths[*of] } else { 1 });
-            let mut both = parameters.clone();
-            both.resize(each * 2.max(count), 0.0);
-            StepRow {
-                function: self::function(*function),
-                numbers: numbers("parameters", &both),
-                parameter_step: usize::from(is_each),
-                ..row("STEP_ELEMENTWISE", *of)
-            }
+    }
+
+    fn elementwise(&mut self, function: Elementwise, parameters: &[f64], row: StepRow) -> StepRow {
+        let is_each = parameters.len() > function.parameters();
+        // there are always two, so that nothing else is read
+        let (count, each) = (function.parameters(), if is_each { row.width } else { 1 });
+        let mut both = parameters.to_vec();
+        both.resize(each * 2.max(count), 0.0);
+        StepRow {
+            function: self::function(function),
+            numbers: self.array("parameters", &both),
+            parameter_step: usize::from(is_each),
+            ..row
         }
-        Step::Combine { of: [a, b], operation } => {
-            let place = Operation::ALL.iter().position(|known| known == operation);
-            let operation = place.expect("all of them are listed");
-            StepRow { operation, of: [begins[*a], begins[*b], 0], ..row("STEP_COMBINE", *a) }
+    }
+
+    fn columns(&mut self, columns: &[[u32; 2]], layout: &StepLayout) -> StepRow {
+        let places: Vec<String> =
+            columns.iter().map(|[of, column]| (layout.begins[*of as usize] + *column as usize).to_string()).collect();
+        let name = format!("places_{}", self.rows.len());
+        push(&mut self.data, format_args!("\nstatic const size_t {name}[] = {{{}}};\n", places.join(", ")));
+        StepRow { places: name, ..layout.row("STEP_COLUMNS", 0) }
+    }
+
+    /// Position of the first tree of a forest, and the number of its trees.
+    fn add_forest(&mut self, forest: &Forest) -> [usize; 2] {
+        let (first_node, first_tree) = (self.nodes.len() as u32, self.trees.len());
+        self.nodes.extend(forest.nodes.iter().map(|node| match node.column {
+            LEAF => *node,
+            _ => Node { below: node.below.map(|below| below + first_node), ..*node },
+        }));
+        self.trees.extend(forest.trees.iter().map(|tree| Tree { root: tree.root + first_node, ..*tree }));
+        [first_tree, forest.trees.len()]
+    }
+
+    /// Name of the array of the degrees of products, which it writes.
+    fn degrees(&mut self, products: &Products) -> String {
+        let name = format!("degrees_{}", self.rows.len());
+        push(&mut self.data, format_args!("\nstatic const unsigned char {name}[] = {{\n"));
+        for term in products.degrees.chunks(products.inputs) {
+            let term: Vec<String> = term.iter().map(u8::to_string).collect();
+            push(&mut self.data, format_args!("    {},\n", term.join(", ")));
         }
-        Step::Select { of: [condition, a, b] } => {
-            StepRow { of: [begins[*condition], begins[*a], begins[*b]], ..row("STEP_SELECT", *a) }
-        }
-        Step::Columns { columns } => {
-            let places: Vec<String> =
-                columns.iter().map(|[of, column]| (begins[*of as usize] + *column as usize).to_string()).collect();
-            let name = format!("places_{number}");
-            push(data, format_args!("\nstatic const size_t {name}[] = {{{}}};\n", places.join(", ")));
-            StepRow { places: name, ..row("STEP_COLUMNS", 0) }
-        }
-        Step::Standardize { of, mean, scale } => {
-            let per_scale: Vec<f64> = scale.iter().map(|scale| 1.0 / scale).collect();
-            StepRow {
-                numbers: numbers("mean", mean),
-                more: numbers("per_scale", &per_scale),
-                ..row("STEP_STANDARDIZE", *of)
-            }
-        }
-        Step::Rescale { of, mean, scale } => {
-            StepRow { numbers: numbers("mean", mean), more: numbers("scale", scale), ..row("STEP_RESCALE", *of) }
-        }
-        Step::Normalize { of, epsilon } => {
-            StepRow { more: numbers("epsilon", &[*epsilon]), ..row("STEP_NORMALIZE", *of) }
-        }
-        Step::Softmax { of } => row("STEP_SOFTMAX", *of),
-        Step::Distances { of, centres, lengths } => {
-            let per_length: Vec<f64> = lengths.iter().map(|length| 1.0 / length).collect();
-            StepRow {
-                numbers: numbers("centres", centres),
-                more: numbers("per_length", &per_length),
-                ..row("STEP_DISTANCES", *of)
-            }
-        }
-        Step::Forest { of, forest, .. } => {
-            let (first_node, first_tree) = (nodes.len() as u32, trees.len());
-            let moved = |node: &Node| match node.column {
-                LEAF => *node,
-                _ => Node { below: node.below.map(|below| below + first_node), ..*node },
-            };
-            nodes.extend(forest.nodes.iter().map(moved));
-            trees.extend(forest.trees.iter().map(|tree| Tree { root: tree.root + first_node, ..*tree }));
-            StepRow { trees: [first_tree, forest.trees.len()], ..row("STEP_FOREST", *of) }
-        }
-        Step::Products { of, products } => {
-            let name = format!("degrees_{number}");
-            push(data, format_args!("\nstatic const unsigned char {name}[] = {{\n"));
-            for term in products.degrees.chunks(products.inputs) {
-                let term: Vec<String> = term.iter().map(u8::to_string).collect();
-                push(data, format_args!("    {},\n", term.join(", ")));
-            }
-            data.push_str("};\n");
-            StepRow { degrees: name, orders: products.orders(), ..row("STEP_PRODUCTS", *of) }
-        }
-        Step::Dictionary { of, .. } => row("STEP_DICTIONARY", *of),
-        Step::Call { .. } | Step::Interpolate { .. } | Step::Motion { .. } => {
-            unreachable!("graphs that are called are laid out step by step, others have separate sources")
-        }
+        self.data.push_str("};\n");
+        name
     }
 }
 
@@ -259,37 +307,46 @@ pub(super) fn function(function: Elementwise) -> String {
 
 /// Weights, row by row, in blocks of rows, each column by column.
 fn in_blocks(weights: &[f64], columns: usize) -> Vec<f64> {
-    let of_block = |block: &[f64]| -> Vec<f64> {
-        (0..columns).flat_map(|column| block.iter().skip(column).step_by(columns).copied()).collect()
-    };
-    weights.chunks(BLOCK * columns.max(1)).flat_map(of_block).collect()
+    weights
+        .chunks(BLOCK * columns.max(1))
+        .flat_map(|block| -> Vec<f64> {
+            (0..columns).flat_map(|column| block.iter().skip(column).step_by(columns).copied()).collect()
+        })
+        .collect()
 }
 
 /// Sums of the magnitudes of the terms of each output where these are at most one times a weight: Legendre polynomials and Gaussian
 /// kernels. None of other outputs.
 pub(super) fn sums(graph: &Graph) -> Vec<f64> {
-    let is_bounded = |of: usize| {
-        let step = of.checked_sub(1).and_then(|number| graph.steps.get(number));
-        matches!(step, Some(Step::Products { .. } | Step::Elementwise { function: Elementwise::Gaussian, .. }))
-    };
-    let of_step = |step: &Step| match step {
-        Step::Affine { of, weight, bias } if is_bounded(*of) => {
+    match graph.steps.as_slice() {
+        [steps @ .., Step::Columns { columns }] => columns
+            .iter()
+            .map(|[of, column]| {
+                let step =
+                    (*of as usize).checked_sub(1).map(|number| sums_of_step(graph, &steps[number])).unwrap_or_default();
+                step.get(*column as usize).copied().unwrap_or(0.0)
+            })
+            .collect(),
+        steps => steps.last().map(|step| sums_of_step(graph, step)).unwrap_or_default(),
+    }
+}
+
+/// The sums of a step that is a linear function of bounded numbers; none of others.
+fn sums_of_step(graph: &Graph, step: &Step) -> Vec<f64> {
+    match step {
+        Step::Affine { of, weight, bias } if is_bounded(graph, *of) => {
             let weights: Vec<f64> = weight.iter().map(f64::abs).collect();
             let rows = weights.chunks(weights.len() / bias.len()).map(|row| row.iter().sum::<f64>());
             rows.zip(bias.iter()).map(|(sum, bias)| sum + bias.abs()).collect()
         }
         _ => Vec::new(),
-    };
-    match graph.steps.as_slice() {
-        [steps @ .., Step::Columns { columns }] => {
-            let of_column = |[of, column]: &[u32; 2]| {
-                let step = (*of as usize).checked_sub(1).map(|number| of_step(&steps[number])).unwrap_or_default();
-                step.get(*column as usize).copied().unwrap_or(0.0)
-            };
-            columns.iter().map(of_column).collect()
-        }
-        steps => steps.last().map(of_step).unwrap_or_default(),
     }
+}
+
+/// Returns true if no number of a value is larger than one.
+fn is_bounded(graph: &Graph, of: usize) -> bool {
+    let step = of.checked_sub(1).and_then(|number| graph.steps.get(number));
+    matches!(step, Some(Step::Products { .. } | Step::Elementwise { function: Elementwise::Gaussian, .. }))
 }
 
 /// Tape of a dictionary without fixed inputs.
@@ -298,7 +355,7 @@ fn listing(dictionary: &Dictionary) -> Listing {
 }
 
 /// The counts that `graph.c` states.
-fn of_step(step: &Step, (width, count): (usize, usize)) -> Operations {
+fn of_step(step: &Step, width: usize, count: usize) -> Operations {
     let (n, m) = (width as f64, count as f64);
     let none = Operations::default();
     match step {

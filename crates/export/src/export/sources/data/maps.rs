@@ -63,14 +63,6 @@ pub fn part(surrogate: &Surrogate, instants: &[f64], map: MapPart) -> ModelSourc
 
 /// Operations for all outputs at a point; the formula is in `maps.c`.
 fn operations(inputs: &[Input], outputs: usize, instants: usize, of_map: Operations) -> Operations {
-    let of_input = |input: &Input| match &input.encoding {
-        Encoding::Plain => Operations::default(),
-        Encoding::Nominal(values) => {
-            let others = values.len() as f64 - 1.0;
-            Operations { arithmetic: 3.0 * others, comparisons: 2.0 * others, ..Operations::default() }
-        }
-        Encoding::Periodic => Operations { arithmetic: 4.0, sines: 2.0, ..Operations::default() },
-    };
     let encoding = inputs.iter().map(of_input).fold(Operations::default(), |sum, one| one.times(1.0, sum));
     if instants == 0 {
         return of_map.times(1.0, encoding);
@@ -81,6 +73,18 @@ fn operations(inputs: &[Input], outputs: usize, instants: usize, of_map: Operati
         ..Operations::default()
     };
     of_map.times(2.0, between.times(1.0, encoding))
+}
+
+/// Operations that encode an input.
+fn of_input(input: &Input) -> Operations {
+    match &input.encoding {
+        Encoding::Plain => Operations::default(),
+        Encoding::Nominal(values) => {
+            let others = values.len() as f64 - 1.0;
+            Operations { arithmetic: 3.0 * others, comparisons: 2.0 * others, ..Operations::default() }
+        }
+        Encoding::Periodic => Operations { arithmetic: 4.0, sines: 2.0, ..Operations::default() },
+    }
 }
 
 /// Start and length of the period of each periodic input.

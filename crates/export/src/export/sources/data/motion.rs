@@ -8,7 +8,7 @@ use super::{
     tape::{self, BLOCK_OF_TAPES, index_type},
 };
 use metafmu_runtime::{
-    EffortColumn, Integration, Motion, Reactions, Shown, Surrogate,
+    EffortColumn, Integration, Motion, Shown, Surrogate,
     dictionary::{Dictionary, Factor, SplineFactor},
     function_set::FunctionSet,
     listing::{InstructionKind, Listing},
@@ -67,11 +67,14 @@ pub fn part(surrogate: &Surrogate, motion: &Motion, integration: Integration) ->
 /// Listings of the equations, the positions and the reactions; empty ones for reactions that do not exist.
 fn listings(motion: &Motion) -> [Listing; 3] {
     let dynamics = &motion.dynamics;
-    let none = || {
-        let columns = vec![Factor::Angle; dynamics.coordinates() + dynamics.parameters()];
-        FunctionSet::from(Dictionary::new(&columns, 0, &[]).expect("nothing is wrong with no functions")).listing(0..0)
+    let reactions = match &motion.reactions {
+        Some(reactions) => reactions.listing(),
+        None => {
+            let columns = vec![Factor::Angle; dynamics.coordinates() + dynamics.parameters()];
+            let nothing = Dictionary::new(&columns, 0, &[]).expect("nothing is wrong with no functions");
+            FunctionSet::from(nothing).listing(0..0)
+        }
     };
-    let reactions = motion.reactions.as_ref().map_or_else(none, Reactions::listing);
     let mut listings = [dynamics.listing(), motion.listing_of_positions(), reactions];
     share_tables(&mut listings);
     listings

@@ -53,11 +53,12 @@ fn operations(network: &ScaledNetwork, outputs: usize) -> Operations {
 /// Sums of the magnitudes of the terms of each output, relative to its scale, nodes before the last layer being at most about one.
 pub(super) fn sums(network: &ScaledNetwork) -> Vec<f64> {
     let (last, _) = split(network);
-    let of_row = |row: usize| {
-        let products = (0..last.inputs).map(|column| last.weight.get(row * last.inputs + column).abs());
-        products.sum::<f64>() + last.bias.get(row).abs()
-    };
-    (0..last.outputs).map(of_row).collect()
+    (0..last.outputs)
+        .map(|row| {
+            let products = (0..last.inputs).map(|column| last.weight.get(row * last.inputs + column).abs());
+            products.sum::<f64>() + last.bias.get(row).abs()
+        })
+        .collect()
 }
 
 /// Means and scales of columns.
@@ -71,9 +72,10 @@ pub(super) fn scalings(declaration: &str, means: &[f64], scales: &[f64]) -> Stri
 /// Scalings and layers of network `index`.
 fn numbers(index: usize, network: &ScaledNetwork) -> String {
     let scaling = &network.scaling;
-    let of_columns = |name: &str| format!("static const Scaling {name}_scaling_{index}");
-    let mut text = scalings(&of_columns("input"), &scaling.input_mean, &scaling.input_scale);
-    text += &scalings(&of_columns("output"), &scaling.output_mean, &scaling.output_scale);
+    let of_inputs = format!("static const Scaling input_scaling_{index}");
+    let of_outputs = format!("static const Scaling output_scaling_{index}");
+    let mut text = scalings(&of_inputs, &scaling.input_mean, &scaling.input_scale);
+    text += &scalings(&of_outputs, &scaling.output_mean, &scaling.output_scale);
     let (last, hidden) = split(network);
     for (number, layer) in hidden.iter().enumerate() {
         array(&mut text, &format!("static const Real weights_{index}_{number}"), &in_blocks(layer));

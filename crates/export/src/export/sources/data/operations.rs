@@ -21,14 +21,13 @@ pub(super) struct Operations {
 impl Operations {
     /// These operations `count` times, plus `others`.
     pub fn times(self, count: f64, others: Self) -> Self {
-        let sum = |own: f64, other: f64| count * own + other;
         Self {
-            arithmetic: sum(self.arithmetic, others.arithmetic),
-            sines: sum(self.sines, others.sines),
-            exponentials: sum(self.exponentials, others.exponentials),
-            comparisons: sum(self.comparisons, others.comparisons),
-            functions: sum(self.functions, others.functions),
-            activations: sum(self.activations, others.activations),
+            arithmetic: count * self.arithmetic + others.arithmetic,
+            sines: count * self.sines + others.sines,
+            exponentials: count * self.exponentials + others.exponentials,
+            comparisons: count * self.comparisons + others.comparisons,
+            functions: count * self.functions + others.functions,
+            activations: count * self.activations + others.activations,
         }
     }
 

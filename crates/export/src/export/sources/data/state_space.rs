@@ -34,13 +34,15 @@ fn data(surrogate: &Surrogate, integration: Integration) -> String {
     let mut text = states::data(surrogate, integration);
     let angles: Vec<String> = (0..states).map(|state| program.is_angle(first + state).to_string()).collect();
     push(&mut text, format_args!("\nconst bool model_angles[STATE_COUNT] = {{{}}};\n", angles.join(", ")));
-    let given = |result: usize| match program.graph.steps.last() {
-        Some(Step::Columns { columns }) if columns[result][0] == 0 => {
-            (columns[result][1] as usize).checked_sub(first).unwrap_or(states)
-        }
-        _ => states,
-    };
-    let given: Vec<String> = (0..surrogate.outputs().len() + states).map(|result| given(result).to_string()).collect();
+    let given: Vec<String> = (0..surrogate.outputs().len() + states)
+        .map(|result| match program.graph.steps.last() {
+            Some(Step::Columns { columns }) if columns[result][0] == 0 => {
+                (columns[result][1] as usize).checked_sub(first).unwrap_or(states)
+            }
+            _ => states,
+        })
+        .map(|state| state.to_string())
+        .collect();
     push(&mut text, format_args!("\nconst size_t model_given_states[RESULT_COUNT] = {{{}}};\n", given.join(", ")));
     text
 }

@@ -11,21 +11,22 @@ use metafmu_runtime::{
 pub(super) fn write_tables(text: &mut String, listing: &Listing) {
     let mut entries = Vec::new();
     for (index, table) in listing.tables.iter().enumerate() {
-        let name = |what: &str| format!("table_{index}_{what}");
+        let nodes = format!("table_{index}_nodes");
         let mut axes = Vec::new();
         for (axis, knots) in ["x", "y"].into_iter().zip(table.axes()) {
-            array(text, &format!("static const Real {}", name(axis)), knots);
-            axes.push(format!("{}, {}", name(axis), knots.len()));
+            let name = format!("table_{index}_{axis}");
+            array(text, &format!("static const Real {name}"), knots);
+            axes.push(format!("{name}, {}", knots.len()));
         }
         axes.resize(2, "NULL, 0".into());
-        array(text, &format!("static const Real {}", name("nodes")), table.nodes());
+        array(text, &format!("static const Real {nodes}"), table.nodes());
         let [has_slopes, is_cubic] = [table.has_slopes(), table.interpolation() == Interpolation::Cubic].map(u8::from);
         let extrapolation = match table.extrapolation() {
             Extrapolation::Hold => "HOLD",
             Extrapolation::Linear => "LINEAR",
             Extrapolation::Periodic => "PERIODIC",
         };
-        let (axes, nodes) = (axes.join(", "), name("nodes"));
+        let axes = axes.join(", ");
         entries.push(format!("{axes}, {nodes}, {has_slopes}, {is_cubic}, EXTRAPOLATION_{extrapolation}"));
     }
     let none = "NULL, 0, NULL, 0, NULL, 0, 0, EXTRAPOLATION_HOLD";
@@ -33,9 +34,10 @@ pub(super) fn write_tables(text: &mut String, listing: &Listing) {
     let mut entries = Vec::new();
     for (index, (BentArgument { bends, group }, of)) in listing.arguments.iter().enumerate() {
         let name = format!("bends_{index}");
-        // neighbors of a single bend are infinitely far
-        let width = |bend: &Bend| real(bend.width.min(f64::from(f32::MAX)));
-        let listed = bends.list().iter().map(|bend| format!("{}, {}", real(bend.at), width(bend)));
+        let listed = bends.list().iter().map(|Bend { at, width }| {
+            // neighbors of a single bend are infinitely far
+            format!("{}, {}", real(*at), real(width.min(f64::from(f32::MAX))))
+        });
         list(text, &format!("static const Bend {name}"), listed, "");
         let (count, start, period) = (bends.list().len(), real(bends.start()), real(bends.period().unwrap_or(0.0)));
         entries.push(format!("{of}, {name}, {count}, {start}, {period}, {group}"));

@@ -15,10 +15,9 @@ pub(super) fn index_type(listings: &[&Listing]) -> (&'static str, String) {
 
 /// Operations of a run: the fixed inputs' part, the rest, and the part that runs on demand.
 pub(super) fn operations(listing: &Listing) -> [Operations; 3] {
-    let sum = |part: &Vec<Instruction>| {
+    listing.instructions.each_ref().map(|part| {
         part.iter().fold(Operations::default(), |sum, instruction| of_instruction(instruction, listing).times(1.0, sum))
-    };
-    listing.instructions.each_ref().map(sum)
+    })
 }
 
 /// The counts that `tape.h` states.
@@ -83,8 +82,12 @@ fn row(instruction: &Instruction, listing: &Listing) -> String {
         InstructionKind::Dot => ("DOT", "0".into()),
         InstructionKind::Activation(activation) => {
             let slopes = to + count * LANES as u32;
-            let is_factor = |of: &Instruction| of.kind == InstructionKind::LaneProducts && of.b == slopes;
-            b = listing.instructions.iter().flatten().any(is_factor).into();
+            b = listing
+                .instructions
+                .iter()
+                .flatten()
+                .any(|of| of.kind == InstructionKind::LaneProducts && of.b == slopes)
+                .into();
             ("ACTIVATION", super::network::activation(activation))
         }
         InstructionKind::LaneProducts => ("BLOCKS", "0".into()),

@@ -76,11 +76,13 @@ impl GraphReader {
             (Value::Constant(a), Value::Constant(b)) => {
                 let (x, y) = (a.data.doubles(), b.data.doubles());
                 within_limits(&[count, inner])?;
-                let sum = |element| {
-                    let (first, second) = begins(element);
-                    (0..inner).map(|k| x[first + k] * y[second + k * columns]).sum()
-                };
-                return Ok(Value::Constant(ConstantTensor::like(&a.data, shape, (0..count).map(sum).collect())));
+                let products = (0..count)
+                    .map(|element| {
+                        let (first, second) = begins(element);
+                        (0..inner).map(|k| x[first + k] * y[second + k * columns]).sum()
+                    })
+                    .collect();
+                return Ok(Value::Constant(ConstantTensor::like(&a.data, shape, products)));
             }
             (Value::Row(row), Value::Constant(constant)) | (Value::Constant(constant), Value::Row(row)) => {
                 (row, constant)
@@ -107,8 +109,13 @@ impl GraphReader {
             let mut products = Vec::new();
             for element in (0..count).step_by(columns) {
                 let (first, second) = begins(element);
-                let of_column = |column| (0..inner).map(move |k| second + column + k * columns);
-                let weight = of_data(constant.data.picked(&(0..columns).flat_map(of_column).collect::<Vec<_>>()));
+                let weight = of_data(
+                    constant.data.picked(
+                        &(0..columns)
+                            .flat_map(|column| (0..inner).map(move |k| second + column + k * columns))
+                            .collect::<Vec<_>>(),
+                    ),
+                );
                 let bias = zeros_like(&weight, columns);
                 let vector = self.picked(row, &(first..first + inner).collect::<Vec<_>>(), vec![inner])?;
                 products.push(self.affine(&vector, weight, bias, vec![columns])?);

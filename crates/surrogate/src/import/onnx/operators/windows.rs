@@ -63,11 +63,12 @@ impl Window {
         })?;
         within_limits(&[within_limits(&positions)?, within_limits(kernel)?])?;
         let element = |from: &[usize], within: &[usize]| -> Option<usize> {
-            let of = |at: usize| {
-                let place = (from[at] * strides[at] + within[at] * dilations[at]).checked_sub(pads[at])?;
-                (place < shape[at]).then_some(place * steps[at])
-            };
-            (0..rank).map(of).sum()
+            (0..rank)
+                .map(|at| {
+                    let place = (from[at] * strides[at] + within[at] * dilations[at]).checked_sub(pads[at])?;
+                    (place < shape[at]).then_some(place * steps[at])
+                })
+                .sum()
         };
         let elements = places(&positions, |from| places(kernel, |within| element(from, within)));
         if elements.iter().any(|elements| elements.iter().all(Option::is_none)) {
@@ -212,8 +213,9 @@ impl GraphReader {
             let elements =
                 || window.elements[position].iter().enumerate().filter_map(|(at, element)| Some((at, (*element)?)));
             let taken = || (0..each).flat_map(|channel| elements().map(move |(at, element)| (channel, at, element)));
-            let place = |(channel, _, element)| ((from * channels) + group * each + channel) * size + element;
-            let places: Vec<usize> = taken().map(place).collect();
+            let places: Vec<usize> = taken()
+                .map(|(channel, _, element)| ((from * channels) + group * each + channel) * size + element)
+                .collect();
             let first = group * outputs;
             let weights = (first..first + outputs)
                 .flat_map(|output| taken().map(move |(channel, at, _)| (output, channel, at)))
