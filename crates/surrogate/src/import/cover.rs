@@ -25,21 +25,21 @@ const POINTS: usize = 4096;
 /// width of the cubes is the sum of `gap` and the covering radius.
 pub fn of_rows(rows: &Rows, inputs: &[Input]) -> Option<Cover> {
     let columns: Vec<usize> = (0..inputs.len()).filter(|&column| Cover::counts(&inputs[column])).collect();
-    let relative = |row: &[f64]| -> Vec<f32> {
-        columns
-            .iter()
-            .map(|&column| {
-                let Input { min, max, .. } = inputs[column];
-                ((row[column] - min) / (max - min)) as f32
-            })
-            .collect()
-    };
     let mut seen = HashSet::new();
-    let is_new = |row: &Vec<f32>| {
-        row.iter().all(|value| (0.0..=1.0).contains(value))
-            && seen.insert(row.iter().map(|value| value.to_bits()).collect::<Vec<u32>>())
-    };
-    let mut rows: Vec<Vec<f32>> = rows.iter().map(relative).filter(is_new).collect();
+    let mut rows: Vec<Vec<f32>> = rows
+        .iter()
+        .map(|row| {
+            columns
+                .iter()
+                .map(|&column| {
+                    let Input { min, max, .. } = inputs[column];
+                    ((row[column] - min) / (max - min)) as f32
+                })
+                .collect::<Vec<f32>>()
+        })
+        .filter(|row| row.iter().all(|value| (0.0..=1.0).contains(value)))
+        .filter(|row| seen.insert(row.iter().map(|value| value.to_bits()).collect::<Vec<u32>>()))
+        .collect();
     if columns.is_empty() || rows.len() < 2 {
         return None;
     }
@@ -50,8 +50,7 @@ pub fn of_rows(rows: &Rows, inputs: &[Input]) -> Option<Cover> {
     let centres = centres(&rows[..rows.len().min(CANDIDATES)], 0.5 * gap);
     let table = RowMatrix::new(&centres);
     let radius = nearest(&rows, &table).into_iter().fold(0.0, f32::max) + gap;
-    let point = |_| columns.iter().map(|_| random.random::<f32>()).collect();
-    let points: Vec<Vec<f32>> = (0..POINTS).map(point).collect();
+    let points: Vec<Vec<f32>> = (0..POINTS).map(|_| columns.iter().map(|_| random.random::<f32>()).collect()).collect();
     if nearest(&points, &table).into_iter().all(|distance| distance <= radius) {
         return None;
     }
@@ -67,21 +66,12 @@ pub fn of_rows(rows: &Rows, inputs: &[Input]) -> Option<Cover> {
 pub fn start_among(rows: &Rows, cover: &Cover, inputs: &mut [Input], is_free: impl Fn(&Input) -> bool) {
     let start: Vec<f64> = inputs.iter().map(|input| input.start).collect();
     let domain = Domain::new(inputs, &[]).near(cover, inputs);
-    let is_inside = |row: &[f64]| domain.contains_point(row, 0);
-    if is_inside(&start) {
+    if domain.contains_point(&start, 0) {
         return;
     }
-    let off = |row: &[f64]| {
-        cover
-            .columns
-            .iter()
-            .map(|&column| {
-                let Input { min, max, .. } = inputs[column as usize];
-                (row[column as usize] - start[column as usize]).abs() / (max - min)
-            })
-            .fold(0.0, f64::max)
-    };
-    let Some(row) = rows.iter().filter(|row| is_inside(row)).min_by(|a, b| off(a).total_cmp(&off(b))) else {
+    let inside = rows.iter().filter(|row| domain.contains_point(row, 0));
+    let distances = inside.map(|row| (row, distance(row, &start, cover, inputs)));
+    let Some((row, _)) = distances.min_by(|(_, a), (_, b)| a.total_cmp(b)) else {
         return;
     };
     for column in cover.columns.iter().map(|column| *column as usize) {
@@ -89,6 +79,18 @@ pub fn start_among(rows: &Rows, cover: &Cover, inputs: &mut [Input], is_free: im
             inputs[column].start = row[column].clamp(inputs[column].min, inputs[column].max);
         }
     }
+}
+
+/// The largest difference of two rows in a column of a cover, relative to its range.
+fn distance(row: &[f64], other: &[f64], cover: &Cover, inputs: &[Input]) -> f64 {
+    cover
+        .columns
+        .iter()
+        .map(|&column| {
+            let Input { min, max, .. } = inputs[column as usize];
+            (row[column as usize] - other[column as usize]).abs() / (max - min)
+        })
+        .fold(0.0, f64::max)
 }
 
 /// Rows by columns, so that the distances of all of them from a row are computed at once.

@@ -64,12 +64,15 @@ impl Imported {
     /// # Errors
     /// [`GraphError::TooLarge`], [`GraphError::NotFinite`].
     pub fn into_graph(self, mapping: &Mapping, variables: usize) -> std::result::Result<Graph, GraphError> {
-        let column = |shown: &OutputSource| match shown {
-            OutputSource::Column(column) => Some(self.columns[*column]),
-            // there are no states
-            OutputSource::State(_) => None,
-        };
-        let columns = mapping.outputs.iter().filter_map(column).collect();
+        let columns = mapping
+            .outputs
+            .iter()
+            .filter_map(|shown| match shown {
+                OutputSource::Column(column) => Some(self.columns[*column]),
+                // there are no states
+                OutputSource::State(_) => None,
+            })
+            .collect();
         into_graph(self.builder, &mapping.inputs, variables, columns)
     }
 }
@@ -100,13 +103,17 @@ fn into_graph(
 fn arranged(mut builder: Builder, sources: &[ColumnSource], variables: usize) -> (Builder, u32) {
     let mut further = 1;
     if !sources.iter().all(|source| matches!(source, ColumnSource::Input(_))) {
-        let linear = |source: &ColumnSource| match source {
-            ColumnSource::Input(_) => [1.0, 0.0],
-            ColumnSource::Value(value) => [0.0, *value],
-            ColumnSource::State(_) => [0.0, 0.0],
-        };
-        let row = |row: usize| sources.iter().map(move |source| linear(source)[row]);
-        let (function, parameters) = (Elementwise::Linear, row(0).chain(row(1)).collect());
+        let (mut factors, mut offsets) = (Vec::new(), Vec::new());
+        for source in sources {
+            let (factor, offset) = match source {
+                ColumnSource::Input(_) => (1.0, 0.0),
+                ColumnSource::Value(value) => (0.0, *value),
+                ColumnSource::State(_) => (0.0, 0.0),
+            };
+            factors.push(factor);
+            offsets.push(offset);
+        }
+        let (function, parameters) = (Elementwise::Linear, [factors, offsets].concat());
         builder = builder.after(sources.len(), Step::Elementwise { of: 0, function, parameters });
         further += 1;
     }
@@ -175,8 +182,9 @@ pub fn of_graph(graph: Graph, about: About, interface: &ModelInterface, rows: Op
     let known = rows.as_ref().filter(|_| interface.domain == InterfaceDomain::Data);
     let cover = known.and_then(|rows| cover::of_rows(rows, &inputs));
     if let (Some(rows), Some(cover)) = (known, &cover) {
-        let is_free = |input: &Input| interface.inputs.get(&input.name).is_none_or(|options| options.start.is_none());
-        cover::start_among(rows, cover, &mut inputs, is_free);
+        cover::start_among(rows, cover, &mut inputs, |input| {
+            interface.inputs.get(&input.name).is_none_or(|options| options.start.is_none())
+        });
     }
     let ranges: Vec<[f64; 2]> = inputs.iter().map(|input| [input.min, input.max]).collect();
     let is_single = about.is_single && graph.fits_single(&ranges);
@@ -186,14 +194,14 @@ pub fn of_graph(graph: Graph, about: About, interface: &ModelInterface, rows: Op
         cover,
         ..metadata(about, interface, inputs, rows.as_ref().map_or(0, Rows::len))
     };
-    let made = |metadata| Surrogate::new(metadata, graph.clone()).map_err(|source| Error::Surrogate { source });
-    let surrogate = made(metadata)?;
+    let surrogate = Surrogate::new(metadata, graph.clone()).map_err(|source| Error::Surrogate { source })?;
     let ranges = match &rows {
         Some(rows) => output_ranges(&surrogate, rows),
         None => output_ranges(&surrogate, points(surrogate.inputs())),
     };
     let ranges = ranges.map_err(ImportError::of_file(about.path))?;
-    surrogate::seal(made(with_ranges(surrogate.metadata(), &ranges))?)
+    let metadata = with_ranges(surrogate.metadata(), &ranges);
+    surrogate::seal(Surrogate::new(metadata, graph).map_err(|source| Error::Surrogate { source })?)
 }
 
 fn with_ranges(metadata: &Metadata, ranges: &[[f64; 2]]) -> Metadata {
@@ -247,14 +255,16 @@ pub fn inputs(interface: &ModelInterface, rows: Option<&Rows>) -> Result<Vec<Inp
     let mut problems = Problems::default();
     let mut inputs = Vec::new();
     for (position, (name, options)) in interface.variables().enumerate() {
-        let values = || rows.into_iter().flatten().map(|row| row[position]);
+        let values = rows.into_iter().flatten().map(|row| row[position]);
         let found = (rows.is_some()).then(|| {
-            values().fold([f64::INFINITY, f64::NEG_INFINITY], |[min, max], value| [min.min(value), max.max(value)])
+            values
+                .clone()
+                .fold([f64::INFINITY, f64::NEG_INFINITY], |[min, max], value| [min.min(value), max.max(value)])
         });
         let of_time = (options.causality == InterfaceCausality::Time).then_some([0.0, interface.time.stop]);
         let usual = of_time.or(found);
         let (min, max) = (options.min.or(usual.map(|[min, _]| min)), options.max.or(usual.map(|[_, max]| max)));
-        if let Some(problem) = mostly_outside([options.min, options.max], values()) {
+        if let Some(problem) = mostly_outside([options.min, options.max], values) {
             problems.add(format!("inputs.{name}"), problem);
             continue;
         }

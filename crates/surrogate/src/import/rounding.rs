@@ -53,10 +53,10 @@ impl RandomRounding {
         random: &mut ChaCha8Rng,
     ) -> Result<usize, GraphError> {
         let width = builder.width(of);
-        let mut numbers = |center: f64, size: f64| -> Vec<f64> {
-            (0..width).map(|_| center + size * (2.0 * random.random::<f64>() - 1.0)).collect()
-        };
-        let parameters = [numbers(1.0, self.relative), numbers(0.0, absolute)].concat();
+        let mut parameters = Vec::with_capacity(2 * width);
+        for (center, size) in [(1.0, self.relative), (0.0, absolute)] {
+            parameters.extend((0..width).map(|_| center + size * (2.0 * random.random::<f64>() - 1.0)));
+        }
         builder.elementwise(of, Elementwise::Linear, parameters)
     }
 }

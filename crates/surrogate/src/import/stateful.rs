@@ -105,8 +105,9 @@ impl<'a> StatefulModel<'a> {
 
     /// Inputs of the surrogate: parameters, initial states, driven inputs.
     fn inputs(&self, starts: Vec<Input>) -> Vec<Input> {
-        let of = |indices: &[usize]| indices.iter().map(|index| self.variables[*index].clone()).collect();
-        [of(&self.parameters), starts, of(&self.driven)].concat()
+        let [parameters, driven] = [&self.parameters, &self.driven]
+            .map(|indices| indices.iter().map(|index| self.variables[*index].clone()).collect());
+        [parameters, starts, driven].concat()
     }
 
     fn start_of(&self, state: &Followed) -> f64 {
@@ -115,19 +116,33 @@ impl<'a> StatefulModel<'a> {
 
     /// Sources of the columns that the model takes, among columns in which variables and states begin at these places.
     fn sources(&self, [parameters, driven]: [usize; 2], states: impl Fn(usize) -> usize) -> Vec<ColumnSource> {
-        let place = |variable: usize| {
-            let among = |of: &[usize]| of.iter().position(|other| *other == variable);
-            among(&self.parameters).map(|k| parameters + k).or(among(&self.driven).map(|k| driven + k)).unwrap_or(0)
-        };
         self.mapping
             .inputs
             .iter()
             .map(|source| match *source {
-                ColumnSource::Input(variable) => ColumnSource::Input(place(variable)),
+                ColumnSource::Input(variable) => {
+                    let parameter = self.parameters.iter().position(|other| *other == variable);
+                    let input = self.driven.iter().position(|other| *other == variable);
+                    let place = parameter.map(|k| parameters + k).or(input.map(|k| driven + k));
+                    ColumnSource::Input(place.unwrap_or(0))
+                }
                 ColumnSource::State(state) => ColumnSource::Input(states(state)),
                 ColumnSource::Value(value) => ColumnSource::Value(value),
             })
             .collect()
+    }
+
+    /// The surrogate of a program whose outputs have these values at the start.
+    fn with_starts(&self, metadata: &Metadata, program: &Program, starts: &[f64]) -> Result<Surrogate> {
+        let starts = metadata
+            .outputs
+            .iter()
+            .zip(starts)
+            .map(|(Output { name, unit, .. }, start)| {
+                start_input(name, &format!("{name} at the start"), unit, [*start; 3])
+            })
+            .collect();
+        made(Metadata { inputs: self.inputs(starts), ..metadata.clone() }, program.clone())
     }
 
     /// Outputs in simulations, row by row: along the rows of a table, or with random inputs, parameters and states.
@@ -148,7 +163,6 @@ impl<'a> StatefulModel<'a> {
         let (first, step) = (surrogate.inputs().len() - self.driven.len(), metadata.time_step);
         let steps = (metadata.stop_time.unwrap_or(f64::INFINITY) / step).ceil().clamp(1.0, STEPS as f64) as usize;
         let mut random = ChaCha8Rng::seed_from_u64(1);
-        let mut draw = |min: f64, max: f64| min + random.random::<f64>() * (max - min);
         let constant = vec![0.0; evaluator.columns()];
         let mut runs = Vec::new();
         for run in 0..if rows.is_some() || disturbance > 0.0 { 1 } else { RUNS } {
@@ -156,13 +170,13 @@ impl<'a> StatefulModel<'a> {
             point.resize(evaluator.columns(), 0.0);
             if run > 0 {
                 for (index, column) in self.parameters.iter().enumerate() {
-                    point[index] = draw(self.variables[*column].min, self.variables[*column].max);
+                    point[index] = drawn(&mut random, self.variables[*column].min, self.variables[*column].max);
                 }
             }
             evaluator.start(&mut point);
             for (state, known) in surrogate.states().iter().enumerate().filter(|_| run > 0) {
                 if let Some([min, max]) = known.range {
-                    point[surrogate.inputs().len() + state] = draw(min, max);
+                    point[surrogate.inputs().len() + state] = drawn(&mut random, min, max);
                 }
             }
             for (state, known) in surrogate.states().iter().enumerate() {
@@ -183,7 +197,8 @@ impl<'a> StatefulModel<'a> {
                     match rows {
                         Some(rows) => point[first + index] = rows[row][*column],
                         None if row % HELD == 0 && (run, row) != (0, 0) => {
-                            point[first + index] = draw(self.variables[*column].min, self.variables[*column].max);
+                            point[first + index] =
+                                drawn(&mut random, self.variables[*column].min, self.variables[*column].max);
                         }
                         None => {}
                     }
@@ -198,6 +213,11 @@ impl<'a> StatefulModel<'a> {
         }
         runs
     }
+}
+
+/// A random number of a range.
+fn drawn(random: &mut ChaCha8Rng, min: f64, max: f64) -> f64 {
+    min + random.random::<f64>() * (max - min)
 }
 
 /// The smallest and the largest value of each output.
@@ -240,6 +260,11 @@ enum SampleNumber {
     Kept(usize, usize),
 }
 
+/// Position of a number of a sample among all of them.
+fn place_among(numbers: &[SampleNumber], number: SampleNumber) -> usize {
+    numbers.iter().position(|other| *other == number).unwrap_or(0)
+}
+
 /// Discrete-time surrogate: outputs first, then hidden states.
 fn discrete(known: &StatefulModel, imported: Imported, metadata: Metadata) -> Result<Surrogate> {
     let StatefulModel { interface, mapping, parameters, driven, .. } = known;
@@ -259,66 +284,48 @@ fn discrete(known: &StatefulModel, imported: Imported, metadata: Metadata) -> Re
     }
     interface.refuse(problems)?;
     let outputs = numbers.len();
-    let is_hidden = |state: &usize| !numbers.contains(&SampleNumber::State(*state));
-    let hidden: Vec<SampleNumber> = (0..mapping.states.len()).filter(is_hidden).map(SampleNumber::State).collect();
+    let hidden: Vec<SampleNumber> = (0..mapping.states.len())
+        .filter(|state| !numbers.contains(&SampleNumber::State(*state)))
+        .map(SampleNumber::State)
+        .collect();
     numbers.extend(hidden);
     for (index, recurrence) in recurrences.iter().enumerate() {
         numbers.extend((0..recurrence.start.len()).map(|place| SampleNumber::Kept(index, place)));
     }
-    let start = |number: &SampleNumber| match *number {
-        SampleNumber::State(state) => known.start_of(&mapping.states[state]),
-        SampleNumber::Kept(index, place) => recurrences[index].start[place],
-        SampleNumber::Column(_) => 0.0,
-    };
-    let place = |number: SampleNumber| numbers.iter().position(|other| *other == number).unwrap_or(0);
-    let mut sources =
-        known.sources([numbers.len() + driven.len(), numbers.len()], |state| place(SampleNumber::State(state)));
+    let mut sources = known.sources([numbers.len() + driven.len(), numbers.len()], |state| {
+        place_among(&numbers, SampleNumber::State(state))
+    });
     for (index, recurrence) in recurrences.iter().enumerate() {
-        let (first, count) = (place(SampleNumber::Kept(index, 0)), recurrence.start.len());
+        let (first, count) = (place_among(&numbers, SampleNumber::Kept(index, 0)), recurrence.start.len());
         sources.resize(sources.len().max(recurrence.first + count), ColumnSource::Value(0.0));
         (0..count).for_each(|at| sources[recurrence.first + at] = ColumnSource::Input(first + at));
     }
     let width = numbers.len() + driven.len() + parameters.len();
-    let graph = into_graph(
-        builder,
-        &sources,
-        width,
-        numbers
-            .iter()
-            .map(|number| match *number {
-                SampleNumber::State(state) => columns[mapping.states[state].output],
-                SampleNumber::Column(column) => columns[column],
-                SampleNumber::Kept(index, place) => [recurrences[index].next as u32, place as u32],
-            })
-            .collect(),
-    );
-    let graph = graph.map_err(|error| known.refused(error))?;
+    let (mut next, mut starts) = (Vec::new(), Vec::new());
+    for number in &numbers {
+        let (column, start) = match *number {
+            SampleNumber::State(state) => {
+                let state = &mapping.states[state];
+                (columns[state.output], known.start_of(state))
+            }
+            SampleNumber::Column(column) => (columns[column], 0.0),
+            SampleNumber::Kept(index, place) => {
+                let recurrence = &recurrences[index];
+                ([recurrence.next as u32, place as u32], recurrence.start[place])
+            }
+        };
+        next.push(column);
+        starts.push(start);
+    }
+    let graph = into_graph(builder, &sources, width, next).map_err(|error| known.refused(error))?;
     let step = interface.time.sample.unwrap_or(metadata.time_step);
-    let sampling = Sampling {
-        hidden: numbers[outputs..].iter().map(start).collect(),
-        direct: Vec::new(),
-        history: [1, 1],
-        step,
-        support: None,
-    };
+    let sampling =
+        Sampling { hidden: starts.split_off(outputs), direct: Vec::new(), history: [1, 1], step, support: None };
     let program = Program {
         graph: Graph::of_samples(width, Vec::new(), vec![0.0; numbers.len()], Some(graph)),
         clock: Clock::Sampled(Box::new(sampling)),
     };
-    let with_starts = |starts: &[f64]| {
-        let starts = metadata
-            .outputs
-            .iter()
-            .zip(starts)
-            .map(|(output, start)| {
-                let Output { name, unit, .. } = output;
-                start_input(name, &format!("{name} at the start"), unit, [*start; 3])
-            })
-            .collect();
-        made(Metadata { inputs: known.inputs(starts), ..metadata.clone() }, program.clone())
-    };
-    let mut starts: Vec<f64> = numbers[..outputs].iter().map(start).collect();
-    let surrogate = with_starts(&starts)?;
+    let surrogate = known.with_starts(&metadata, &program, &starts)?;
     // before the first sample an output that is no state is what the model gives for the start values
     let mut point: Vec<f64> = surrogate.inputs().iter().map(|input| input.start).collect();
     let mut evaluator = Evaluator::new(&surrogate);
@@ -337,7 +344,7 @@ fn discrete(known: &StatefulModel, imported: Imported, metadata: Metadata) -> Re
             *start = given;
         }
     }
-    with_starts(&starts)
+    known.with_starts(&metadata, &program, &starts)
 }
 
 /// The parameter that is the value of something at the start.
@@ -361,18 +368,20 @@ fn continuous(known: &StatefulModel, imported: Imported, metadata: Metadata, row
     let (p, d) = (parameters.len(), driven.len());
     let sources = known.sources([0, p], |state| p + d + state);
     let mut functions = Vec::new();
-    let mut function = |column: usize| {
-        functions.push(imported.columns[column]);
-        Given::Function(functions.len() - 1)
-    };
     let mut results: Vec<Given> = Vec::new();
     for shown in &mapping.outputs {
         results.push(match *shown {
             OutputSource::State(state) => Given::State(state),
-            OutputSource::Column(column) => function(column),
+            OutputSource::Column(column) => {
+                functions.push(imported.columns[column]);
+                Given::Function(functions.len() - 1)
+            }
         });
     }
-    results.extend(mapping.states.iter().map(|state| function(state.output)));
+    for state in &mapping.states {
+        functions.push(imported.columns[state.output]);
+        results.push(Given::Function(functions.len() - 1));
+    }
     let (columns, count_of_functions) = (p + d + count, functions.len());
     let graph = into_graph(imported.builder, &sources, columns, functions);
     let graph = graph.map_err(|error| known.refused(error))?;
@@ -400,14 +409,14 @@ fn continuous(known: &StatefulModel, imported: Imported, metadata: Metadata, row
         starts.push(start_input(&state.name, &description, &options.unit, [min, max, start]));
     }
     let metadata = Metadata { inputs: known.inputs(starts), states, ..metadata };
-    let assemble = |integration: Integration| {
-        made(metadata.clone(), Program { graph: graph.clone(), clock: Clock::Continuous(integration) })
-    };
     if let Some(step) = interface.time.solver_step {
-        return assemble(Integration::Fixed { step });
+        return made(metadata, Program { graph, clock: Clock::Continuous(Integration::Fixed { step }) });
     }
     let longest = metadata.time_step;
-    let with_tolerance = |tolerance: f64| assemble(Integration::ErrorControlled { tolerance, longest });
+    let with_tolerance = |tolerance: f64| {
+        let clock = Clock::Continuous(Integration::ErrorControlled { tolerance, longest });
+        made(metadata.clone(), Program { graph: graph.clone(), clock })
+    };
     let mut found = None;
     for tolerance in TOLERANCES {
         let (surrogate, tighter) = (with_tolerance(tolerance)?, with_tolerance(MUCH_TIGHTER * tolerance)?);
@@ -420,8 +429,9 @@ fn continuous(known: &StatefulModel, imported: Imported, metadata: Metadata, row
     }
     let Some((surrogate, runs, error)) = found else { return with_tolerance(SOLVER_ERROR) };
     // runs that are not finite at their end are not compared
-    let ends = |run: Option<&Vec<Option<Vec<f64>>>>| run.is_some_and(|rows| rows.last().is_some_and(Option::is_none));
-    let only_disturbed_ends = ends(runs.last()) && !ends(runs.first());
+    let [is_first_cut, is_last_cut] =
+        [runs.first(), runs.last()].map(|run| run.is_some_and(|rows| rows.last().is_some_and(Option::is_none)));
+    let only_disturbed_ends = is_last_cut && !is_first_cut;
     if (error > UNSTABLE && ranges(&runs, surrogate.outputs()).is_ok()) || only_disturbed_ends {
         let message = "simulations are unstable near the start values, whatever the tolerance of the solver: the equations are \
                        stiff, or have no solution there; expected others, or other start values";

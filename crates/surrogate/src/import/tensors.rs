@@ -108,10 +108,10 @@ fn read_npy(bytes: &[u8]) -> Result<NumericTensor, ImportError> {
     let length = length.iter().rev().fold(0usize, |length, byte| length << 8 | usize::from(*byte));
     let (header, data) = rest.split_at_checked(length).ok_or_else(no_array)?;
     let header = String::from_utf8_lossy(header);
-    let value = |key: &str| header.split_once(&format!("'{key}':")).map(|(_, rest)| rest.trim_start());
-    let kind = value("descr").and_then(|rest| rest.split('\'').nth(1)).ok_or_else(no_array)?;
-    let is_fortran = value("fortran_order").is_some_and(|rest| rest.starts_with("True"));
-    let dims = value("shape").and_then(|rest| rest.strip_prefix('(')?.split_once(')')).ok_or_else(no_array)?.0;
+    let kind = header_value(&header, "descr").and_then(|rest| rest.split('\'').nth(1)).ok_or_else(no_array)?;
+    let is_fortran = header_value(&header, "fortran_order").is_some_and(|rest| rest.starts_with("True"));
+    let dims =
+        header_value(&header, "shape").and_then(|rest| rest.strip_prefix('(')?.split_once(')')).ok_or_else(no_array)?.0;
     let dims = dims.split(',').map(str::trim).filter(|dim| !dim.is_empty());
     let shape: Vec<usize> = dims.map(|dim| dim.parse().map_err(|_| no_array())).collect::<Result<_, _>>()?;
     let numbers = match kind {
@@ -130,6 +130,11 @@ fn read_npy(bytes: &[u8]) -> Result<NumericTensor, ImportError> {
         }
         _ => Ok(tensor),
     }
+}
+
+/// Text of the header from the value of a key on.
+fn header_value<'a>(header: &'a str, key: &str) -> Option<&'a str> {
+    header.split_once(&format!("'{key}':")).map(|(_, rest)| rest.trim_start())
 }
 
 /// The tensors of a file of safetensors.
@@ -215,11 +220,10 @@ pub fn layers(tensors: &Tensors, interface: &ModelInterface) -> crate::Result<Im
     }
     interface.refuse(problems)?;
     let builder = builder.unwrap_or_else(|| Builder::new(1));
-    let names = |what: &str, count: usize| (0..count).map(|place| format!("{what}[{place}]")).collect();
     Ok(Imported {
         stacked: Vec::new(),
-        inputs: names("x", builder.width(0)),
-        outputs: names("y", width),
+        inputs: (0..builder.width(0)).map(|place| format!("x[{place}]")).collect(),
+        outputs: (0..width).map(|place| format!("y[{place}]")).collect(),
         columns: (0..width).map(|column| [value as u32, column as u32]).collect(),
         builder,
         recurrences: Vec::new(),
@@ -236,38 +240,17 @@ fn layer(
     key: &str,
     problems: &mut Problems,
 ) -> Option<(Numbers, Numbers)> {
-    let known: Vec<&str> = tensors.keys().map(String::as_str).collect();
-    let mut find = |name: &str, what: &str, dimensions: usize| {
-        let found = tensors.get(name);
-        match found {
-            None => {
-                problems.add(format!("{key}.{what}"), format!("no tensor `{name}`, {}", expected_one_of(name, &known)))
-            }
-            Some(tensor) if tensor.shape.len() != dimensions || tensor.numbers.is_empty() => {
-                let expected = match (tensor.shape.len() == dimensions, dimensions) {
-                    (true, _) => "at least one number",
-                    (false, 1) => "1 dimension",
-                    (false, _) => "2 dimensions",
-                };
-                let message = format!("`{name}` has the shape {:?}, expected {expected}", tensor.shape);
-                problems.add(format!("{key}.{what}"), message);
-                return None;
-            }
-            Some(_) => {}
-        }
-        found
-    };
-    let weight = find(&options.weight, "weight", 2)?;
+    let weight = tensor_of_layer(tensors, &options.weight, 2, &format!("{key}.weight"), problems)?;
     let bias = match &options.bias {
-        Some(bias) => Some(find(bias, "bias", 1)?),
+        Some(bias) => Some(tensor_of_layer(tensors, bias, 1, &format!("{key}.bias"), problems)?),
         None => None,
     };
     let (rows, columns) = (weight.shape[0], weight.shape[1]);
     // the known sizes decide whether rows are outputs
-    let fits = |outputs: usize, inputs: usize| {
+    let [plain, turned] = [[rows, columns], [columns, rows]].map(|[outputs, inputs]| {
         bias.is_none_or(|bias| bias.numbers.len() == outputs) && before.is_none_or(|before| before == inputs)
-    };
-    let is_transposed = match (options.transposed, fits(rows, columns), fits(columns, rows)) {
+    });
+    let is_transposed = match (options.transposed, plain, turned) {
         (Some(transposed), plain, turned) if (transposed && turned) || (!transposed && plain) => transposed,
         (None, true, false) => false,
         (None, false, true) => true,
@@ -290,21 +273,44 @@ fn layer(
     };
     let outputs = if is_transposed { columns } else { rows };
     let weight_numbers = if is_transposed { transposed(weight) } else { weight.numbers.clone() };
-    let none = || match &weight_numbers {
-        Numbers::Single(_) => vec![0.0f32; outputs].into(),
-        Numbers::Double(_) => vec![0.0f64; outputs].into(),
+    let bias = match (bias, &weight_numbers) {
+        (Some(bias), _) => bias.numbers.clone(),
+        (None, Numbers::Single(_)) => vec![0.0f32; outputs].into(),
+        (None, Numbers::Double(_)) => vec![0.0f64; outputs].into(),
     };
-    let bias = bias.map_or_else(none, |bias| bias.numbers.clone());
     Some((weight_numbers, bias))
+}
+
+/// The tensor of a name with this number of dimensions; otherwise a problem of the key.
+fn tensor_of_layer<'a>(
+    tensors: &'a Tensors,
+    name: &str,
+    dimensions: usize,
+    key: &str,
+    problems: &mut Problems,
+) -> Option<&'a NumericTensor> {
+    let Some(tensor) = tensors.get(name) else {
+        let known: Vec<&str> = tensors.keys().map(String::as_str).collect();
+        problems.add(key, format!("no tensor `{name}`, {}", expected_one_of(name, &known)));
+        return None;
+    };
+    let expected = match (tensor.shape.len() == dimensions, dimensions) {
+        (true, _) if !tensor.numbers.is_empty() => return Some(tensor),
+        (true, _) => "at least one number",
+        (false, 1) => "1 dimension",
+        (false, _) => "2 dimensions",
+    };
+    problems.add(key, format!("`{name}` has the shape {:?}, expected {expected}", tensor.shape));
+    None
 }
 
 /// The numbers of a matrix column by column.
 fn transposed(tensor: &NumericTensor) -> Numbers {
     let (rows, columns) = (tensor.shape[0], tensor.shape[1]);
-    let places = || (0..columns).flat_map(move |column| (0..rows).map(move |row| row * columns + column));
+    let places = (0..columns).flat_map(move |column| (0..rows).map(move |row| row * columns + column));
     match &tensor.numbers {
-        Numbers::Single(values) => places().map(|place| values[place]).collect::<Vec<f32>>().into(),
-        Numbers::Double(values) => places().map(|place| values[place]).collect::<Vec<f64>>().into(),
+        Numbers::Single(values) => places.map(|place| values[place]).collect::<Vec<f32>>().into(),
+        Numbers::Double(values) => places.map(|place| values[place]).collect::<Vec<f64>>().into(),
     }
 }
 

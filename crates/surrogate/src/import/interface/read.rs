@@ -82,20 +82,18 @@ impl ModelInterface {
         let mut problems = Problems::default();
         self.refuse(self.ambiguous([("inputs", inputs), ("outputs", outputs)]))?;
         let mut sources = vec![ColumnSource::Value(0.0); inputs.len()];
-        let states = self.followed((inputs, outputs), &mut sources, &mut problems);
+        let states = self.followed(inputs, outputs, &mut sources, &mut problems);
         // remaining columns, for inputs and outputs that do not name their column
-        let rest = |names: &[String], is_taken: &dyn Fn(usize) -> bool| -> Vec<usize> {
-            (0..names.len()).filter(|column| !is_taken(*column)).collect()
-        };
-        let free = rest(inputs, &|column| matches!(sources[column], ColumnSource::State(_)));
+        let free: Vec<usize> =
+            (0..inputs.len()).filter(|column| !matches!(sources[*column], ColumnSource::State(_))).collect();
         let known: Vec<String> = free.iter().map(|column| inputs[*column].clone()).collect();
-        let given = |(name, input): (&String, &InterfaceInput)| (name.clone(), input.column.clone());
-        let columns = columns("inputs", self.inputs.iter().map(given).collect(), &known, true, &mut problems);
+        let given = self.inputs.iter().map(|(name, input)| (name.clone(), input.column.clone())).collect();
+        let columns = columns("inputs", given, &known, true, &mut problems);
         let of_states: Vec<usize> = states.iter().map(|state| state.output).collect();
         let given: Vec<(String, Option<String>)> =
             self.outputs.iter().map(|(name, output)| (name.clone(), output.column.clone())).collect();
         let shown = if given.iter().all(|(_, column)| column.is_none()) {
-            let free = rest(outputs, &|column| of_states.contains(&column));
+            let free: Vec<usize> = (0..outputs.len()).filter(|column| !of_states.contains(column)).collect();
             let known: Vec<String> = free.iter().map(|column| outputs[*column].clone()).collect();
             let columns = self::columns("outputs", given, &known, false, &mut problems);
             columns.into_iter().filter_map(|column| free.get(column).copied().map(OutputSource::Column)).collect()
@@ -150,7 +148,8 @@ impl ModelInterface {
     /// The columns that are states, which are noted in `sources`.
     fn followed(
         &self,
-        (inputs, outputs): (&[String], &[String]),
+        inputs: &[String],
+        outputs: &[String],
         sources: &mut [ColumnSource],
         problems: &mut Problems,
     ) -> Vec<Followed> {
@@ -158,26 +157,19 @@ impl ModelInterface {
         let mut given: HashMap<usize, String> = HashMap::new();
         for (of, (name, state)) in self.states.iter().enumerate() {
             let key = format!("states.{name}");
-            let mut columns = |field: &str, column: &str, known: &[String], what: &str| {
-                let found = columns_of(column, known);
-                if found.is_empty() {
-                    let mut names: Vec<&str> = known.iter().map(String::as_str).collect();
-                    names.extend(whole(known));
-                    let expected = expected_one_of(column, &names);
-                    problems.add(
-                        format!("{key}.{field}"),
-                        format!("\"{column}\" is no column of the model's {what}, {expected}"),
-                    );
-                }
-                found
-            };
-            let of_inputs = columns("column", &state.column, inputs, "inputs");
+            let of_inputs = columns_of(&state.column, inputs);
+            if of_inputs.is_empty() {
+                problems.add(format!("{key}.column"), unknown_column(&state.column, inputs, "inputs"));
+            }
             let (field, later) = match (&state.next, &state.derivative) {
                 (Some(next), _) => ("next", next),
                 (None, Some(derivative)) => ("derivative", derivative),
                 (None, None) => continue,
             };
-            let of_outputs = columns(field, later, outputs, "outputs");
+            let of_outputs = columns_of(later, outputs);
+            if of_outputs.is_empty() {
+                problems.add(format!("{key}.{field}"), unknown_column(later, outputs, "outputs"));
+            }
             if of_inputs.is_empty() || of_outputs.is_empty() {
                 continue;
             }
@@ -214,13 +206,8 @@ impl ModelInterface {
     /// Problems of the interface that do not depend on the model.
     fn problems(&self) -> Problems {
         let mut problems = Problems::default();
-        let is_good = |name: &str| {
-            name.starts_with(|first: char| first.is_ascii_alphabetic())
-                && name.chars().all(|other| other.is_ascii_alphanumeric() || matches!(other, '-' | '_'))
-                && name.len() <= MAX_NAME
-        };
         let expected = "a letter, then letters, digits, `-` and `_`, at most 100 characters";
-        problems.expect(is_good(&self.name), "name", format!("`{}`", self.name), expected);
+        problems.expect(is_good_name(&self.name), "name", format!("`{}`", self.name), expected);
         let InterfaceTime { step, sample, solver_step, stop } = self.time;
         for (key, given) in [("step", step), ("sample", sample), ("solver_step", solver_step), ("stop", Some(stop))] {
             given.into_iter().for_each(|given| problems.expect_positive(format!("time.{key}"), given));
@@ -338,6 +325,20 @@ impl ModelInterface {
             problems.add(format!("inputs.{name}.causality"), message);
         }
     }
+}
+
+/// Returns true if a name is fit for a file, too.
+fn is_good_name(name: &str) -> bool {
+    name.starts_with(|first: char| first.is_ascii_alphabetic())
+        && name.chars().all(|other| other.is_ascii_alphanumeric() || matches!(other, '-' | '_'))
+        && name.len() <= MAX_NAME
+}
+
+/// Message on a column that the model does not have.
+fn unknown_column(column: &str, known: &[String], section: &str) -> String {
+    let mut names: Vec<&str> = known.iter().map(String::as_str).collect();
+    names.extend(whole(known));
+    format!("\"{column}\" is no column of the model's {section}, {}", expected_one_of(column, &names))
 }
 
 /// Message for discrete states without a sample time.

@@ -7,7 +7,7 @@ use super::{
     attributes::Attributes,
     node::Value,
     operators::RECURRENT,
-    proto::{GraphProto, NodeProto, ValueInfoProto},
+    proto::{GraphProto, NodeProto},
     shape::{axis, broadcast, broadcast_places},
     tensor::ConstantTensor,
 };
@@ -57,9 +57,10 @@ impl TwoRows {
             return None;
         }
         let reader = GraphReader::new(graph, opset, folder, 2).ok()?;
-        let is_given = |input: &&ValueInfoProto| !graph.initializer.iter().any(|tensor| tensor.name == input.name);
         let mut columns = Vec::new();
-        for input in graph.input.iter().filter(is_given) {
+        for input in
+            graph.input.iter().filter(|input| !graph.initializer.iter().any(|tensor| tensor.name == input.name))
+        {
             let count: usize = reader.values.get(&input.name)?.shape().iter().product();
             columns.extend((0..count).map(|column| match super::is_batch(input) {
                 true if column < count / 2 => FIRST,
@@ -91,15 +92,16 @@ impl TwoRows {
             else {
                 continue;
             };
-            let count = |shape: &[usize]| shape.iter().product::<usize>();
-            let depends = &self.depends[two.value][..count(&two.shape)];
-            let of = |which: u8| depends.iter().filter(|of| **of == which).count();
-            if of(BOTH) > 0 {
+            let [numbers, numbers_of_two] = [&one.shape, &two.shape].map(|shape| shape.iter().product::<usize>());
+            let depends = &self.depends[two.value][..numbers_of_two];
+            let [first, second, both] =
+                [FIRST, SECOND, BOTH].map(|which| depends.iter().filter(|rows| **rows == which).count());
+            if both > 0 {
                 return Err(ImportError::unsupported(format!(
                     "it mixes rows of the batch, which is the free first dimension of the inputs; {EXPECTED}"
                 )));
             }
-            if of(FIRST) != of(SECOND) || (of(FIRST) > 0 && count(&two.shape) != 2 * count(&one.shape)) {
+            if first != second || (first > 0 && numbers_of_two != 2 * numbers) {
                 return Err(ImportError::unsupported(format!(
                     "it acts along the batch dimension, which is free in the inputs: of one row it makes the shape {:?}, of two rows {:?}; \
                      {EXPECTED}",
@@ -112,44 +114,22 @@ impl TwoRows {
 
     /// Refuses operators whose result for a row depends on its position in the batch.
     fn refuse_along_batch(&self, node: &NodeProto, one: &GraphReader) -> Result<(), ImportError> {
-        let known = |reader: &GraphReader, name: &String| reader.values.get(name).cloned();
-        let is_batch = |name: &String, from_end: usize| match (known(one, name), known(&self.reader, name)) {
-            (Some(Value::Row(one)), Some(Value::Row(two))) if one.shape.len() == two.shape.len() => {
-                let place = one.shape.len().checked_sub(from_end + 1);
-                place.is_some_and(|place| (one.shape[place], two.shape[place]) == (1, 2))
-            }
-            _ => false,
-        };
-        let rank = |name: &String| known(one, name).map_or(0, |value| value.shape().len());
         let attributes = Attributes::of(node);
-        let along = |name: &String, dims: &[usize]| {
-            let dims = dims.iter().rev().enumerate();
-            dims.into_iter().any(|(from_end, dim)| *dim > 1 && is_batch(name, from_end))
-        };
         let Some(first) = node.input.first() else { return Ok(()) };
-        let constant = |name: &String| known(one, name).and_then(|value| value.constant().cloned());
-        let integers = |name: &String| -> Option<Vec<usize>> {
-            let numbers = constant(name)?.integers().ok()?.to_vec();
-            Some(numbers.into_iter().map(|number| usize::try_from(number).unwrap_or(0)).collect())
-        };
         match node.op_type.as_str() {
             "Concat" => {
-                let rank = rank(first);
+                let rank = one.values.get(first).map_or(0, |value| value.shape().len());
                 let Some(at) = attributes.integer("axis").and_then(|at| axis(at, rank).ok()) else { return Ok(()) };
-                if node.input.iter().any(|name| is_batch(name, rank - 1 - at)) {
+                if node.input.iter().any(|name| self.is_batch(one, name, rank - 1 - at)) {
                     return Err(along_batch("it puts rows together"));
                 }
             }
             "Tile" | "Expand" => {
-                let Some(dims) = node.input.get(1).and_then(integers) else { return Ok(()) };
+                let Some(name) = node.input.get(1) else { return Ok(()) };
+                let Some(dims) = constant(one, name).and_then(dims_of) else { return Ok(()) };
                 // a shape that was computed has two rows for two
-                let twice = node.input.get(1).and_then(|name| known(&self.reader, name)?.constant().cloned());
-                let is_same = twice.is_none_or(|twice| {
-                    twice
-                        .integers()
-                        .is_ok_and(|twice| twice.iter().map(|dim| usize::try_from(*dim).unwrap_or(0)).eq(dims.clone()))
-                });
-                if is_same && along(first, &dims) {
+                let is_same = constant(&self.reader, name).is_none_or(|twice| dims_of(twice).as_ref() == Some(&dims));
+                if is_same && self.repeats(one, first, &dims) {
                     return Err(along_batch("it repeats rows"));
                 }
             }
@@ -161,13 +141,13 @@ impl TwoRows {
                 let rows = if is_gemm { &node.input[..1] } else { &node.input[..] };
                 let constants = if is_gemm { node.input.get(2..).unwrap_or_default() } else { &node.input[..] };
                 for name in constants {
-                    let Some(tensor) = constant(name) else { continue };
-                    if rows.iter().any(|name| along(name, &tensor.shape)) {
+                    let Some(tensor) = constant(one, name) else { continue };
+                    if rows.iter().any(|name| self.repeats(one, name, &tensor.shape)) {
                         return Err(along_batch(&format!("a constant of shape {:?}", tensor.shape)));
                     }
-                    let is_of_row = rows.iter().any(|name| matches!(known(one, name), Some(Value::Row(_))));
-                    let twice = known(&self.reader, name).and_then(|value| value.constant().cloned());
-                    if is_of_row && twice.is_some_and(|twice| !is_repeated(&tensor, &twice)) {
+                    let is_of_row = rows.iter().any(|name| matches!(one.values.get(name), Some(Value::Row(_))));
+                    let twice = constant(&self.reader, name);
+                    if is_of_row && twice.is_some_and(|twice| !is_repeated(tensor, twice)) {
                         return Err(along_batch("a constant that changes"));
                     }
                 }
@@ -176,6 +156,33 @@ impl TwoRows {
         }
         Ok(())
     }
+
+    /// Returns true if a dimension of a value, counted from the last one, is that of the batch; `one` has followed one row.
+    fn is_batch(&self, one: &GraphReader, name: &str, from_end: usize) -> bool {
+        match (one.values.get(name), self.reader.values.get(name)) {
+            (Some(Value::Row(one)), Some(Value::Row(two))) if one.shape.len() == two.shape.len() => {
+                let place = one.shape.len().checked_sub(from_end + 1);
+                place.is_some_and(|place| (one.shape[place], two.shape[place]) == (1, 2))
+            }
+            _ => false,
+        }
+    }
+
+    /// Returns true if a value that is broadcast to these dimensions, its last ones, is repeated along the batch.
+    fn repeats(&self, one: &GraphReader, name: &str, dims: &[usize]) -> bool {
+        let mut dims = dims.iter().rev().enumerate();
+        dims.any(|(from_end, dim)| *dim > 1 && self.is_batch(one, name, from_end))
+    }
+}
+
+fn constant<'a>(reader: &'a GraphReader, name: &str) -> Option<&'a ConstantTensor> {
+    reader.values.get(name).and_then(Value::constant)
+}
+
+/// Whole numbers as dimensions, those below zero as zero; none for real numbers.
+fn dims_of(tensor: &ConstantTensor) -> Option<Vec<usize>> {
+    let numbers = tensor.integers().ok()?;
+    Some(numbers.iter().map(|number| usize::try_from(*number).unwrap_or(0)).collect())
 }
 
 /// The error of an operator that treats rows of a batch differently.
@@ -196,7 +203,6 @@ fn is_repeated(one: &ConstantTensor, two: &ConstantTensor) -> bool {
 
 /// Rows that each number of a step depends on.
 fn of_step(step: &Step, values: &[Vec<u8>]) -> Vec<u8> {
-    let all = |of: usize| values[of].iter().fold(0, |all, depends| all | depends);
     match step {
         Step::Affine { of, weight, bias } => {
             let from = &values[*of];
@@ -217,12 +223,17 @@ fn of_step(step: &Step, values: &[Vec<u8>]) -> Vec<u8> {
         Step::Columns { columns } => {
             columns.iter().map(|[of, column]| values[*of as usize][*column as usize]).collect()
         }
-        Step::Normalize { of, .. } | Step::Softmax { of } => vec![all(*of); values[*of].len()],
-        Step::Distances { of, centres, lengths } => vec![all(*of); centres.len() / lengths.len()],
-        Step::Forest { of, outputs, .. } => vec![all(*of); *outputs],
-        Step::Products { of, products } => vec![all(*of); products.terms()],
+        Step::Normalize { of, .. } | Step::Softmax { of } => vec![of_all(&values[*of]); values[*of].len()],
+        Step::Distances { of, centres, lengths } => vec![of_all(&values[*of]); centres.len() / lengths.len()],
+        Step::Forest { of, outputs, .. } => vec![of_all(&values[*of]); *outputs],
+        Step::Products { of, products } => vec![of_all(&values[*of]); products.terms()],
         Step::Call { .. } | Step::Interpolate { .. } | Step::Dictionary { .. } | Step::Motion { .. } => {
             unreachable!("what is imported has none of these")
         }
     }
+}
+
+/// Rows that any number of a value depends on.
+fn of_all(depends: &[u8]) -> u8 {
+    depends.iter().fold(0, |all, depends| all | depends)
 }

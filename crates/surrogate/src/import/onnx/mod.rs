@@ -102,15 +102,15 @@ pub fn described(bytes: &[u8]) -> [Vec<Described>; 2] {
     let numbers =
         |key: &str| entry(key).and_then(|text| serde_json::from_str::<Vec<f64>>(text).ok()).unwrap_or_default();
     let (min, max) = (numbers("input_min"), numbers("input_max"));
+    let ranges: Vec<[f64; 2]> = min.into_iter().zip(max).map(|(min, max)| [min, max]).collect();
     [("input", true), ("output", false)].map(|(what, has_range)| {
         let (names, units) = (texts(&format!("{what}_names")), texts(&format!("{what}_units")));
-        let range = |place: usize| Some([*min.get(place)?, *max.get(place)?]).filter(|_| has_range);
         names
             .into_iter()
             .enumerate()
             .map(|(place, name)| Described {
                 unit: units.get(place).cloned().unwrap_or_default(),
-                range: range(place),
+                range: ranges.get(place).copied().filter(|_| has_range),
                 name,
             })
             .collect()

@@ -224,8 +224,7 @@ impl GraphReader {
 
     /// Value with its elements in another shape.
     pub fn reshaped(&self, value: &Value, shape: Vec<usize>) -> Result<Value, ImportError> {
-        let count = |shape: &[usize]| shape.iter().product::<usize>();
-        if count(&shape) != count(value.shape()) {
+        if shape.iter().product::<usize>() != value.shape().iter().product::<usize>() {
             return Err(ImportError::malformed(format!("a shape of {:?} is to become {shape:?}", value.shape())));
         }
         let mut value = value.clone();
@@ -258,16 +257,18 @@ impl GraphReader {
     pub fn mapped(&mut self, value: &Value, function: Elementwise, parameters: Vec<f64>) -> Result<Value, ImportError> {
         match value {
             Value::Constant(tensor) => {
-                let count = function.parameters();
                 let width = tensor.data.len();
-                let at = |row: usize, index: usize| match parameters.len() > count {
-                    true => parameters.get(row * width + index),
-                    false => parameters.get(row),
-                };
-                let of = |(index, x): (usize, f64)| {
-                    function.value(x, [0, 1].map(|row| at(row, index).copied().unwrap_or(0.0)))
-                };
-                let values: Vec<f64> = tensor.data.doubles().into_iter().enumerate().map(of).collect();
+                let is_each = parameters.len() > function.parameters();
+                let values: Vec<f64> = tensor
+                    .data
+                    .doubles()
+                    .into_iter()
+                    .enumerate()
+                    .map(|(index, x)| {
+                        let places = if is_each { [index, width + index] } else { [0, 1] };
+                        function.value(x, places.map(|place| parameters.get(place).copied().unwrap_or(0.0)))
+                    })
+                    .collect();
                 if values.iter().any(|value| !value.is_finite()) {
                     return Err(ImportError::not_finite("a constant becomes a number that is not finite"));
                 }

@@ -10,7 +10,7 @@ mod shapes;
 mod windows;
 
 use super::{
-    Builder, GraphError, GraphReader, ImportError,
+    GraphError, GraphReader, ImportError,
     attributes::Attributes,
     node::{RowTensor, Value, constant_row, is_standard, operator},
     proto::{DOUBLE, FLOAT, INT32, INT64, NodeProto, type_name},
@@ -205,87 +205,90 @@ impl GraphReader {
     }
 
     fn standard(&mut self, node: &NodeProto) -> Made {
+        if let Some((function, parameters)) = simple_function(node)? {
+            let value = self.input(node, 0)?;
+            return self.mapped(&value, function, parameters);
+        }
+        match node.op_type.as_str() {
+            "Identity" => self.input(node, 0),
+            "Dropout" => self.dropout(node),
+            "Cast" => self.cast(node),
+            "CastLike" => self.cast_like(node),
+            "Constant" => constants::constant(Attributes::of(node)),
+            "ConstantOfShape" => self.constant_of_shape(node),
+            "Shape" => self.shape(node),
+            "Size" => self.size(node),
+            "Range" => self.range(node),
+            "Flatten" => self.flatten(node),
+            "Reshape" => self.reshape(node),
+            "Squeeze" => self.squeeze(node),
+            "Unsqueeze" => self.unsqueeze(node),
+            "Transpose" => self.transpose(node),
+            "Expand" => self.expand(node),
+            "Tile" => self.tile(node),
+            "Concat" => self.concat(node),
+            "Slice" => self.slice(node),
+            "Gather" => self.gather(node),
+            "Gemm" => self.gemm(node),
+            "MatMul" => self.matmul(node),
+            "Add" | "Sum" => self.many(node, Operation::Add),
+            "Sub" => self.many(node, Operation::Subtract),
+            "Mul" => self.many(node, Operation::Multiply),
+            "Div" => self.many(node, Operation::Divide),
+            "Max" => self.many(node, Operation::Maximum),
+            "Min" => self.many(node, Operation::Minimum),
+            "Greater" | "Less" | "GreaterOrEqual" | "LessOrEqual" => self.compare(node),
+            "Equal" => self.equal(node),
+            "Where" => self.choose(node),
+            // truth values are 1 and 0
+            "And" => self.many(node, Operation::Multiply),
+            "Or" => self.many(node, Operation::Maximum),
+            "Mod" => self.remainder(node),
+            "Pow" => self.power(node),
+            "PRelu" => self.prelu(node),
+            "Clip" => self.clip(node),
+            "BatchNormalization" => self.batch_normalization(node),
+            "LayerNormalization" => self.layer_normalization(node),
+            "InstanceNormalization" | "GroupNormalization" => self.group_normalization(node),
+            "RMSNormalization" => self.rms_normalization(node),
+            "Softmax" => self.softmax(node),
+            "LogSoftmax" => self.log_softmax(node),
+            "Conv" => self.convolution(node),
+            "AveragePool" => self.average_pool(node),
+            "MaxPool" => self.max_pool(node),
+            "GlobalAveragePool" | "GlobalMaxPool" => self.global_pool(node),
+            "Pad" => self.pad(node),
+            "ReduceL1" | "ReduceL2" | "ReduceLogSum" | "ReduceLogSumExp" | "ReduceMax" | "ReduceMean" | "ReduceMin"
+            | "ReduceProd" | "ReduceSum" | "ReduceSumSquare" => self.reduce(node),
+            _ => self.composed(node),
+        }
+    }
+
+    /// Operators that are several functions of numbers, one after the other.
+    fn composed(&mut self, node: &NodeProto) -> Made {
         let attributes = Attributes::of(node);
-        let activation = |activation| (Elementwise::Activation(activation), Vec::new());
-        let (function, parameters) = match node.op_type.as_str() {
-            "Identity" => return self.input(node, 0),
-            "Dropout" => return self.dropout(node),
-            "Cast" => return self.cast(node),
-            "CastLike" => return self.cast_like(node),
-            "Constant" => return constants::constant(attributes),
-            "ConstantOfShape" => return self.constant_of_shape(node),
-            "Shape" => return self.shape(node),
-            "Size" => {
-                let count = self.input(node, 0)?.shape().iter().product::<usize>();
-                return Ok(Value::Constant(ConstantTensor {
-                    shape: Vec::new(),
-                    data: Data::Integer(vec![count as i64]),
-                }));
-            }
-            "Range" => return self.range(node),
-            "Flatten" => return self.flatten(node),
-            "Reshape" => return self.reshape(node),
-            "Squeeze" => return self.squeeze(node),
-            "Unsqueeze" => return self.unsqueeze(node),
-            "Transpose" => return self.transpose(node),
-            "Expand" => return self.expand(node),
-            "Tile" => return self.tile(node),
-            "Concat" => return self.concat(node),
-            "Slice" => return self.slice(node),
-            "Gather" => return self.gather(node),
-            "Gemm" => return self.gemm(node),
-            "MatMul" => return self.matmul(node),
-            "Add" | "Sum" => return self.many(node, Operation::Add),
-            "Sub" => return self.many(node, Operation::Subtract),
-            "Mul" => return self.many(node, Operation::Multiply),
-            "Div" => return self.many(node, Operation::Divide),
-            "Max" => return self.many(node, Operation::Maximum),
-            "Min" => return self.many(node, Operation::Minimum),
+        match node.op_type.as_str() {
             "Mean" => {
                 let sum = self.many(node, Operation::Add)?;
-                return self.mapped(&sum, Elementwise::Linear, vec![1.0 / node.input.len() as f64, 0.0]);
+                self.mapped(&sum, Elementwise::Linear, vec![1.0 / node.input.len() as f64, 0.0])
             }
-            "Greater" | "Less" | "GreaterOrEqual" | "LessOrEqual" => return self.compare(node),
-            "Equal" => return self.equal(node),
-            "Where" => return self.choose(node),
-            // truth values are 1 and 0
-            "And" => return self.many(node, Operation::Multiply),
-            "Or" => return self.many(node, Operation::Maximum),
-            "Not" => (Elementwise::Linear, vec![-1.0, 1.0]),
-            "Mod" => return self.remainder(node),
             "Sign" => {
                 let value = self.input(node, 0)?;
                 let negative = self.mapped(&value, Elementwise::Linear, vec![-1.0, 0.0])?;
                 let above = self.mapped(&value, Elementwise::Positive, Vec::new())?;
                 let below = self.mapped(&negative, Elementwise::Positive, Vec::new())?;
-                return self.combined(Operation::Subtract, &above, &below);
+                self.combined(Operation::Subtract, &above, &below)
             }
-            "Pow" => return self.power(node),
-            "PRelu" => return self.prelu(node),
-            "Clip" => return self.clip(node),
-            "BatchNormalization" => return self.batch_normalization(node),
-            "LayerNormalization" => return self.layer_normalization(node),
-            "InstanceNormalization" | "GroupNormalization" => return self.group_normalization(node),
-            "RMSNormalization" => return self.rms_normalization(node),
-            "Softmax" => return self.softmax(node),
-            "LogSoftmax" => return self.log_softmax(node),
-            "Conv" => return self.convolution(node),
-            "AveragePool" => return self.average_pool(node),
-            "MaxPool" => return self.max_pool(node),
-            "GlobalAveragePool" | "GlobalMaxPool" => return self.global_pool(node),
-            "Pad" => return self.pad(node),
-            "ReduceL1" | "ReduceL2" | "ReduceLogSum" | "ReduceLogSumExp" | "ReduceMax" | "ReduceMean" | "ReduceMin"
-            | "ReduceProd" | "ReduceSum" | "ReduceSumSquare" => return self.reduce(node),
             "HardSwish" => {
                 let value = self.input(node, 0)?;
                 let gate = self.hard_sigmoid(&value, 1.0 / 6.0, 0.5)?;
-                return self.combined(Operation::Multiply, &value, &gate);
+                self.combined(Operation::Multiply, &value, &gate)
             }
             "Mish" => {
                 let value = self.input(node, 0)?;
                 let softplus = self.mapped(&value, Elementwise::Softplus, Vec::new())?;
                 let gate = self.mapped(&softplus, Elementwise::Activation(Activation::Tanh), Vec::new())?;
-                return self.combined(Operation::Multiply, &value, &gate);
+                self.combined(Operation::Multiply, &value, &gate)
             }
             "Swish" => {
                 let (value, alpha) = (self.input(node, 0)?, attributes.float("alpha", 1.0)?);
@@ -294,20 +297,20 @@ impl GraphReader {
                 }
                 let scaled = self.mapped(&value, Elementwise::Linear, vec![alpha, 0.0])?;
                 let gate = self.mapped(&scaled, Elementwise::Activation(Activation::Sigmoid), Vec::new())?;
-                return self.combined(Operation::Multiply, &value, &gate);
+                self.combined(Operation::Multiply, &value, &gate)
             }
             "HardSigmoid" => {
                 let value = self.input(node, 0)?;
-                return self.hard_sigmoid(&value, attributes.float("alpha", 0.2)?, attributes.float("beta", 0.5)?);
+                self.hard_sigmoid(&value, attributes.float("alpha", 0.2)?, attributes.float("beta", 0.5)?)
             }
-            "Tan" | "Sinh" | "Cosh" => return self.of_two(node),
-            "Asin" | "Acos" => return self.arc(node),
+            "Tan" | "Sinh" | "Cosh" => self.of_two(node),
+            "Asin" | "Acos" => self.arc(node),
             "Selu" => {
                 let alpha = attributes.constant("alpha", 1.673_263_242_354_377_2)?;
                 let gamma = attributes.constant("gamma", 1.050_700_987_355_480_5)?;
                 let value = self.input(node, 0)?;
                 let elu = self.mapped(&value, Elementwise::Elu, vec![alpha])?;
-                return self.mapped(&elu, Elementwise::Linear, vec![gamma, 0.0]);
+                self.mapped(&elu, Elementwise::Linear, vec![gamma, 0.0])
             }
             "Celu" => {
                 let alpha = attributes.float("alpha", 1.0)?;
@@ -317,39 +320,10 @@ impl GraphReader {
                 let value = self.input(node, 0)?;
                 let inner = self.mapped(&value, Elementwise::Linear, vec![1.0 / alpha, 0.0])?;
                 let elu = self.mapped(&inner, Elementwise::Elu, vec![1.0])?;
-                return self.mapped(&elu, Elementwise::Linear, vec![alpha, 0.0]);
+                self.mapped(&elu, Elementwise::Linear, vec![alpha, 0.0])
             }
-            "Tanh" => activation(Activation::Tanh),
-            "Sigmoid" => activation(Activation::Sigmoid),
-            "Relu" => activation(Activation::Relu),
-            "Sin" => activation(Activation::Sine),
-            "Gelu" => match attributes.text("approximate").as_deref() {
-                None | Some("none") => (Elementwise::GeluExact, Vec::new()),
-                Some("tanh") => activation(Activation::Gelu),
-                Some(other) => {
-                    return Err(ImportError::malformed(format!(
-                        "attribute `approximate` is {other:?}, expected \"none\" or \"tanh\""
-                    )));
-                }
-            },
-            "Cos" => (Elementwise::Cosine, Vec::new()),
-            "Exp" => (Elementwise::Exponential, Vec::new()),
-            "Log" => (Elementwise::Logarithm, Vec::new()),
-            "Sqrt" => (Elementwise::Power, vec![0.5]),
-            "Reciprocal" => (Elementwise::Reciprocal, Vec::new()),
-            "Neg" => (Elementwise::Linear, vec![-1.0, 0.0]),
-            "Abs" => (Elementwise::Absolute, Vec::new()),
-            "Erf" => (Elementwise::Erf, Vec::new()),
-            "LeakyRelu" => (Elementwise::LeakyRelu, vec![attributes.float("alpha", 0.01)?]),
-            "Elu" => (Elementwise::Elu, vec![attributes.float("alpha", 1.0)?]),
-            "Softplus" => (Elementwise::Softplus, Vec::new()),
-            "Softsign" => (Elementwise::Softsign, Vec::new()),
-            "ThresholdedRelu" => (Elementwise::ThresholdedRelu, vec![attributes.float("alpha", 1.0)?]),
-            "Atan" => (Elementwise::Arctangent, Vec::new()),
-            _ => return Err(ImportError::unsupported(format!("operator {} is not supported", operator(node)))),
-        };
-        let value = self.input(node, 0)?;
-        self.mapped(&value, function, parameters)
+            _ => Err(ImportError::unsupported(format!("operator {} is not supported", operator(node)))),
+        }
     }
 
     fn machine_learning(&mut self, node: &NodeProto) -> Made {
@@ -365,6 +339,44 @@ impl GraphReader {
             _ => Err(ImportError::unsupported(format!("operator {} is not supported", operator(node)))),
         }
     }
+}
+
+/// The function of each number that an operator is, with its parameters; none for other operators.
+fn simple_function(node: &NodeProto) -> Result<Option<(Elementwise, Vec<f64>)>, ImportError> {
+    let attributes = Attributes::of(node);
+    let (function, parameters) = match node.op_type.as_str() {
+        "Tanh" => (Elementwise::Activation(Activation::Tanh), Vec::new()),
+        "Sigmoid" => (Elementwise::Activation(Activation::Sigmoid), Vec::new()),
+        "Relu" => (Elementwise::Activation(Activation::Relu), Vec::new()),
+        "Sin" => (Elementwise::Activation(Activation::Sine), Vec::new()),
+        "Gelu" => match attributes.text("approximate").as_deref() {
+            None | Some("none") => (Elementwise::GeluExact, Vec::new()),
+            Some("tanh") => (Elementwise::Activation(Activation::Gelu), Vec::new()),
+            Some(other) => {
+                return Err(ImportError::malformed(format!(
+                    "attribute `approximate` is {other:?}, expected \"none\" or \"tanh\""
+                )));
+            }
+        },
+        "Cos" => (Elementwise::Cosine, Vec::new()),
+        "Exp" => (Elementwise::Exponential, Vec::new()),
+        "Log" => (Elementwise::Logarithm, Vec::new()),
+        "Sqrt" => (Elementwise::Power, vec![0.5]),
+        "Reciprocal" => (Elementwise::Reciprocal, Vec::new()),
+        "Neg" => (Elementwise::Linear, vec![-1.0, 0.0]),
+        // truth values are 1 and 0
+        "Not" => (Elementwise::Linear, vec![-1.0, 1.0]),
+        "Abs" => (Elementwise::Absolute, Vec::new()),
+        "Erf" => (Elementwise::Erf, Vec::new()),
+        "LeakyRelu" => (Elementwise::LeakyRelu, vec![attributes.float("alpha", 0.01)?]),
+        "Elu" => (Elementwise::Elu, vec![attributes.float("alpha", 1.0)?]),
+        "Softplus" => (Elementwise::Softplus, Vec::new()),
+        "Softsign" => (Elementwise::Softsign, Vec::new()),
+        "ThresholdedRelu" => (Elementwise::ThresholdedRelu, vec![attributes.float("alpha", 1.0)?]),
+        "Atan" => (Elementwise::Arctangent, Vec::new()),
+        _ => return Ok(None),
+    };
+    Ok(Some((function, parameters)))
 }
 
 fn lengths(dims: &[i64]) -> Result<Vec<usize>, ImportError> {

@@ -8,9 +8,12 @@ use super::{ImportError, tensor::within_limits};
 /// An error if they do not fit each other, or if the result is too large.
 pub fn broadcast(a: &[usize], b: &[usize]) -> Result<Vec<usize>, ImportError> {
     let rank = a.len().max(b.len());
-    let dim = |shape: &[usize], place: usize| (place + shape.len()).checked_sub(rank).map_or(1, |place| shape[place]);
-    let shape: Option<Vec<usize>> = (0..rank)
-        .map(|place| match (dim(a, place), dim(b, place)) {
+    // missing dimensions, which are the first ones, are 1
+    let [of_a, of_b] = [a, b].map(|shape| [vec![1; rank - shape.len()].as_slice(), shape].concat());
+    let shape: Option<Vec<usize>> = of_a
+        .into_iter()
+        .zip(of_b)
+        .map(|dims| match dims {
             (a, b) if a == b => Some(a),
             (1, other) | (other, 1) => Some(other),
             _ => None,

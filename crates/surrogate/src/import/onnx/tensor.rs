@@ -139,18 +139,21 @@ impl ConstantTensor {
 
 /// The dimensions of a tensor, if it is not too large.
 fn shape(dims: &[i64]) -> Result<Vec<usize>, ImportError> {
-    let listed = || dims.iter().take(MAX_DIMENSIONS).map(i64::to_string).collect::<Vec<_>>().join(", ");
     if dims.len() > MAX_DIMENSIONS {
         return Err(ImportError::too_large(format!(
             "{} dimensions ({}, ...), expected at most {MAX_DIMENSIONS}",
             dims.len(),
-            listed()
+            joined(&dims[..MAX_DIMENSIONS])
         )));
     }
     let shape: Option<Vec<usize>> = dims.iter().map(|dim| usize::try_from(*dim).ok()).collect();
-    let shape = shape.ok_or_else(|| ImportError::malformed(format!("a negative dimension among {}", listed())))?;
+    let shape = shape.ok_or_else(|| ImportError::malformed(format!("a negative dimension among {}", joined(dims))))?;
     within_limits(&shape)?;
     Ok(shape)
+}
+
+fn joined(dims: &[i64]) -> String {
+    dims.iter().map(i64::to_string).collect::<Vec<_>>().join(", ")
 }
 
 /// Number of elements of a tensor of this shape; an error if it is too large.

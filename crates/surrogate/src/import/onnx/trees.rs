@@ -100,10 +100,15 @@ type Key = (i64, i64);
 
 /// The nodes by tree and number, and the trees with their first nodes.
 fn given_nodes(attributes: Attributes, columns: usize) -> Result<(HashMap<Key, TreeNode>, Vec<Key>), ImportError> {
-    let integers = |name: &str| attributes.integers(name).unwrap_or_default();
-    let (trees, ids) = (integers("nodes_treeids"), integers("nodes_nodeids"));
-    let (first, second) = (integers("nodes_truenodeids"), integers("nodes_falsenodeids"));
-    let features = integers("nodes_featureids");
+    let (trees, ids) = (
+        attributes.integers("nodes_treeids").unwrap_or_default(),
+        attributes.integers("nodes_nodeids").unwrap_or_default(),
+    );
+    let (first, second) = (
+        attributes.integers("nodes_truenodeids").unwrap_or_default(),
+        attributes.integers("nodes_falsenodeids").unwrap_or_default(),
+    );
+    let features = attributes.integers("nodes_featureids").unwrap_or_default();
     let modes = attributes.texts("nodes_modes");
     let thresholds = attributes.numbers("nodes_values")?;
     let count = ids.len();
@@ -135,14 +140,14 @@ fn given_nodes(attributes: Attributes, columns: usize) -> Result<(HashMap<Key, T
                 key.1, key.0, features[place]
             )));
         }
-        // the largest number that is less than the threshold, in the precision of the inputs
-        let less = |threshold: f64| match thresholds.is_single {
-            true => f64::from((threshold as f32).next_down()),
-            false => threshold.next_down(),
-        };
+        let threshold = thresholds.values[place];
         let threshold = match comparison {
-            BranchMode::Less | BranchMode::AtLeast => less(thresholds.values[place]),
-            _ => thresholds.values[place],
+            // the largest number that is less than the threshold, in the precision of the inputs
+            BranchMode::Less | BranchMode::AtLeast => match thresholds.is_single {
+                true => f64::from((threshold as f32).next_down()),
+                false => threshold.next_down(),
+            },
+            _ => threshold,
         };
         let given = TreeNode { column, threshold, comparison, below: [first[place], second[place]] };
         if nodes.insert(key, given).is_some() {
@@ -161,8 +166,11 @@ fn given_nodes(attributes: Attributes, columns: usize) -> Result<(HashMap<Key, T
 
 /// Numbers that each leaf adds to outputs.
 fn leaves(attributes: Attributes, outputs: usize) -> Result<HashMap<Key, Vec<(usize, f64)>>, ImportError> {
-    let integers = |name: &str| attributes.integers(name).unwrap_or_default();
-    let (trees, ids, targets) = (integers("target_treeids"), integers("target_nodeids"), integers("target_ids"));
+    let (trees, ids, targets) = (
+        attributes.integers("target_treeids").unwrap_or_default(),
+        attributes.integers("target_nodeids").unwrap_or_default(),
+        attributes.integers("target_ids").unwrap_or_default(),
+    );
     let weights = attributes.numbers("target_weights")?.values;
     let lengths = [ids.len(), targets.len(), weights.len()];
     if lengths.iter().any(|length| *length != trees.len()) {

@@ -65,13 +65,17 @@ impl GraphReader {
         let attributes = Attributes::of(node);
         let value = self.input(node, 0)?;
         let rank = value.shape().len() as i64;
-        let place = |name: &str, default: i64| {
-            let place = attributes.integer(name).unwrap_or(default);
-            (if place < 0 { place + rank } else { place }).clamp(0, rank) as usize
-        };
-        let (start, end) = (place("start", 0), place("end", rank));
+        let (start, end) = (attributes.integer("start").unwrap_or(0), attributes.integer("end").unwrap_or(rank));
+        let [start, end] =
+            [start, end].map(|place| (if place < 0 { place + rank } else { place }).clamp(0, rank) as usize);
         let dims = value.shape().get(start..end).unwrap_or_default();
         Ok(Value::Constant(ConstantTensor::of_integers(dims.iter().map(|dim| *dim as i64).collect())))
+    }
+
+    /// Number of elements of a value.
+    pub(super) fn size(&self, node: &NodeProto) -> Made {
+        let count = self.input(node, 0)?.shape().iter().product::<usize>();
+        Ok(Value::Constant(ConstantTensor { shape: Vec::new(), data: Data::Integer(vec![count as i64]) }))
     }
 
     pub(super) fn range(&mut self, node: &NodeProto) -> Made {

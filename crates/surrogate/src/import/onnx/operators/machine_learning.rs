@@ -30,21 +30,9 @@ impl GraphReader {
     pub(super) fn scaler(&mut self, node: &NodeProto) -> Made {
         let attributes = Attributes::of(node);
         let value = self.input(node, 0)?;
-        let count = value.shape().iter().product::<usize>();
-        let width = value.shape().last().copied().unwrap_or(1);
-        let numbers = |name: &str| -> Result<Vec<f64>, ImportError> {
-            match attributes.numbers(name)?.values {
-                one if one.len() == 1 => Ok(vec![one[0]; count]),
-                // of each row the same
-                all if all.len() == width && width > 0 => Ok(all.repeat(count / width)),
-                other => Err(ImportError::malformed(format!(
-                    "attribute `{name}` has {} elements, expected {width}",
-                    other.len()
-                ))),
-            }
-        };
-        let (offset, scale) = (numbers("offset")?, numbers("scale")?);
-        self.standardized(&value, &offset, &scale, &vec![0.0; count])
+        let offset = of_columns(attributes, "offset", value.shape())?;
+        let scale = of_columns(attributes, "scale", value.shape())?;
+        self.standardized(&value, &offset, &scale, &vec![0.0; offset.len()])
     }
 
     pub(super) fn linear_regressor(&mut self, node: &NodeProto) -> Made {
@@ -102,23 +90,20 @@ impl GraphReader {
             )));
         }
         let parameters = attributes.numbers("kernel_params")?.values;
-        let parameter = |place: usize, default: f64| parameters.get(place).copied().unwrap_or(default);
-        let (gamma, offset, degree) = (parameter(0, 0.0), parameter(1, 0.0), parameter(2, 0.0));
-        let like_vectors = |factor: f64| vectors.iter().map(|number| factor * number).collect::<Vec<f64>>();
+        let [gamma, offset, degree] = [0, 1, 2].map(|place| parameters.get(place).copied().unwrap_or(0.0));
         let (coefficients, bias) = (single(coefficients), single(vec![bias]));
         self.each_row(node, 1, |reader, row| {
             let builder = &mut reader.builder;
-            let products = |builder: &mut Builder, factor: f64, offset: f64| {
-                builder.affine(row.value, like_vectors(factor).into(), vec![offset; supports].into())
-            };
             let kernels = match kernel.as_str() {
-                "LINEAR" => products(builder, 1.0, 0.0)?,
+                "LINEAR" => builder.affine(row.value, vectors.clone().into(), vec![0.0; supports].into())?,
                 "POLY" => {
-                    let line = products(builder, gamma, offset)?;
+                    let scaled: Vec<f64> = vectors.iter().map(|number| gamma * number).collect();
+                    let line = builder.affine(row.value, scaled.into(), vec![offset; supports].into())?;
                     builder.elementwise(line, Elementwise::Power, vec![degree])?
                 }
                 "SIGMOID" => {
-                    let line = products(builder, gamma, offset)?;
+                    let scaled: Vec<f64> = vectors.iter().map(|number| gamma * number).collect();
+                    let line = builder.affine(row.value, scaled.into(), vec![offset; supports].into())?;
                     builder.elementwise(line, Elementwise::Activation(Activation::Tanh), Vec::new())?
                 }
                 "RBF" => {
@@ -154,6 +139,19 @@ impl GraphReader {
             let repeated = reader.builder.columns(vec![[inverse as u32, 0]; width])?;
             reader.builder.add(Step::Combine { of: [of, repeated], operation: Operation::Multiply }, width)
         })
+    }
+}
+
+/// Numbers of an attribute, one for each element of a tensor of this shape; each row has the same.
+fn of_columns(attributes: Attributes, name: &str, shape: &[usize]) -> Result<Vec<f64>, ImportError> {
+    let count = shape.iter().product::<usize>();
+    let width = shape.last().copied().unwrap_or(1);
+    match attributes.numbers(name)?.values {
+        of_all if of_all.len() == 1 => Ok(vec![of_all[0]; count]),
+        of_row if of_row.len() == width && width > 0 => Ok(of_row.repeat(count / width)),
+        other => {
+            Err(ImportError::malformed(format!("attribute `{name}` has {} elements, expected {width}", other.len())))
+        }
     }
 }
 

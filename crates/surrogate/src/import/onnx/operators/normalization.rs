@@ -1,6 +1,7 @@
 //! Normalizations and sums along axes.
 
 use super::*;
+use std::ops::Range;
 
 fn in_training() -> ImportError {
     ImportError::unsupported("a network in training, expected one for inference: export it after `eval()`")
@@ -12,9 +13,8 @@ fn other_count(place: usize, found: usize, channels: usize) -> ImportError {
 
 impl GraphReader {
     pub(super) fn dropout(&mut self, node: &NodeProto) -> Made {
-        let is_not_zero = |tensor: ConstantTensor| tensor.data.doubles().iter().any(|number| *number != 0.0);
-        let drops = self.constant(node, 1)?.is_none_or(is_not_zero);
-        if drops && self.constant(node, 2)?.is_some_and(is_not_zero) {
+        let drops = self.constant(node, 1)?.is_none_or(|ratio| is_not_zero(&ratio));
+        if drops && self.constant(node, 2)?.is_some_and(|training| is_not_zero(&training)) {
             return Err(in_training());
         }
         self.input(node, 0)
@@ -33,14 +33,15 @@ impl GraphReader {
         let bias = self.of_channels(node, 2, channels)?;
         let mean = self.of_channels(node, 3, channels)?;
         let variance = self.of_channels(node, 4, channels)?;
-        let factor = |channel: usize| scale[channel] / (variance[channel] + epsilon).sqrt();
-        let factors: Vec<f64> = (0..channels).map(factor).collect();
+        let factors: Vec<f64> =
+            scale.iter().zip(&variance).map(|(scale, variance)| scale / (variance + epsilon).sqrt()).collect();
         if factors.iter().any(|factor| !factor.is_finite()) {
             return Err(ImportError::not_finite("a variance that is not positive"));
         }
         let channel = places(&shape, |index| index[1]);
-        let of = |numbers: &[f64]| channel.iter().map(|channel| numbers[*channel]).collect::<Vec<f64>>();
-        self.standardized(&value, &of(&mean), &of(&factors), &of(&bias))
+        let [mean, factors, bias] =
+            [mean, factors, bias].map(|numbers| channel.iter().map(|channel| numbers[*channel]).collect::<Vec<f64>>());
+        self.standardized(&value, &mean, &factors, &bias)
     }
 
     /// A number for each channel.
@@ -171,26 +172,29 @@ impl GraphReader {
         let value = self.input(node, 0)?;
         let rank = value.shape().len();
         let (at, whole) = self.normalized_axis(node, rank)?;
-        let normal = |reader: &mut Self, value: &Value, at: usize| {
-            reader.in_groups(value, at, |reader, of, width| reader.builder.add(Step::Softmax { of }, width))
-        };
         if whole || at + 1 == rank {
-            return normal(self, &value, at);
+            return self.softmax_from(&value, at);
         }
         // the other way round it is the same exchange
         let mut order: Vec<usize> = (0..rank).collect();
         order.swap(at, rank - 1);
         let turned = self.transposed(&value, &order)?;
-        let turned = normal(self, &turned, rank - 1)?;
+        let turned = self.softmax_from(&turned, rank - 1)?;
         self.transposed(&turned, &order)
+    }
+
+    /// The softmax of all axes from one on.
+    fn softmax_from(&mut self, value: &Value, at: usize) -> Made {
+        self.in_groups(value, at, |reader, of, width| reader.builder.add(Step::Softmax { of }, width))
     }
 
     /// Subtracts the logarithm of a sum that is at least 1, so nothing underflows to -inf.
     pub(super) fn log_softmax(&mut self, node: &NodeProto) -> Made {
         let value = self.input(node, 0)?;
         let (at, whole) = self.normalized_axis(node, value.shape().len())?;
-        let is_one = |place: usize| place == at || (whole && place > at);
-        let kept = value.shape().iter().enumerate().map(|(place, dim)| if is_one(place) { 1 } else { *dim }).collect();
+        let mut kept = value.shape().to_vec();
+        let end = if whole { kept.len() } else { at + 1 };
+        kept[at..end].fill(1);
         let logarithm = self.logarithm_of_sum(&value, kept)?;
         self.combined(Operation::Subtract, &value, &logarithm)
     }
@@ -296,13 +300,10 @@ impl GraphReader {
         let mut odd: Option<Value> = None;
         while each > 1 {
             let half = each / 2;
-            let places = |from: usize, to: usize| -> Vec<usize> {
-                (0..of.len()).flat_map(|group| (from..to).map(move |element| group * each + element)).collect()
-            };
-            let [first, second] = [places(0, half), places(half, 2 * half)]
-                .map(|places| self.pick(&value, &places, vec![of.len(), half]));
+            let [first, second] = [0..half, half..2 * half]
+                .map(|part| self.pick(&value, &places_in_groups(of.len(), each, part), vec![of.len(), half]));
             if each % 2 == 1 {
-                let last = self.pick(&value, &places(each - 1, each), vec![of.len(), 1])?;
+                let last = self.pick(&value, &places_in_groups(of.len(), each, each - 1..each), vec![of.len(), 1])?;
                 odd = Some(match odd {
                     None => last,
                     Some(odd) => self.combined(operation, &odd, &last)?,
@@ -316,4 +317,14 @@ impl GraphReader {
         }
         self.reshaped(&value, kept)
     }
+}
+
+/// Returns true if any number of a tensor is not zero.
+fn is_not_zero(tensor: &ConstantTensor) -> bool {
+    tensor.data.doubles().iter().any(|number| *number != 0.0)
+}
+
+/// Positions of a part of the elements of each group.
+fn places_in_groups(groups: usize, each: usize, part: Range<usize>) -> Vec<usize> {
+    (0..groups).flat_map(|group| part.clone().map(move |element| group * each + element)).collect()
 }

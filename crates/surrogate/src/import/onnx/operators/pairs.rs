@@ -38,38 +38,33 @@ impl GraphReader {
     /// A row and a constant of the same shape; `is_first`: the constant is the first of the two.
     pub(super) fn with_constant(&mut self, operation: Operation, row: &Value, numbers: &[f64], is_first: bool) -> Made {
         let width = numbers.len();
-        let linear = |factors: Vec<f64>, offsets: Vec<f64>| {
-            let all_same = |of: &[f64]| of.iter().all(|value| *value == of[0]);
-            match all_same(&factors) && all_same(&offsets) {
-                true => vec![factors[0], offsets[0]],
-                false => [factors, offsets].concat(),
-            }
-        };
         if width == 0 {
             return Err(ImportError::unsupported("nothing is left"));
         }
-        let ones = || vec![1.0; width];
-        let zeros = || vec![0.0; width];
         match operation {
-            Operation::Add => self.mapped(row, Elementwise::Linear, linear(ones(), numbers.to_vec())),
+            Operation::Add => {
+                self.mapped(row, Elementwise::Linear, linear_parameters(vec![1.0; width], numbers.to_vec()))
+            }
             Operation::Subtract if is_first => {
-                self.mapped(row, Elementwise::Linear, linear(vec![-1.0; width], numbers.to_vec()))
+                self.mapped(row, Elementwise::Linear, linear_parameters(vec![-1.0; width], numbers.to_vec()))
             }
             Operation::Subtract => {
                 let offsets = numbers.iter().map(|number| -number).collect();
-                self.mapped(row, Elementwise::Linear, linear(ones(), offsets))
+                self.mapped(row, Elementwise::Linear, linear_parameters(vec![1.0; width], offsets))
             }
-            Operation::Multiply => self.mapped(row, Elementwise::Linear, linear(numbers.to_vec(), zeros())),
+            Operation::Multiply => {
+                self.mapped(row, Elementwise::Linear, linear_parameters(numbers.to_vec(), vec![0.0; width]))
+            }
             Operation::Divide if is_first => {
                 let inverse = self.mapped(row, Elementwise::Reciprocal, Vec::new())?;
-                self.mapped(&inverse, Elementwise::Linear, linear(numbers.to_vec(), zeros()))
+                self.mapped(&inverse, Elementwise::Linear, linear_parameters(numbers.to_vec(), vec![0.0; width]))
             }
             Operation::Divide => {
                 if numbers.contains(&0.0) {
                     return Err(ImportError::not_finite("a division by a constant that is 0"));
                 }
                 let factors = numbers.iter().map(|number| 1.0 / number).collect();
-                self.mapped(row, Elementwise::Linear, linear(factors, zeros()))
+                self.mapped(row, Elementwise::Linear, linear_parameters(factors, vec![0.0; width]))
             }
             Operation::Maximum => {
                 self.mapped(row, Elementwise::Clip, [numbers.to_vec(), vec![f64::MAX; width]].concat())
@@ -186,9 +181,13 @@ impl GraphReader {
         let pairs = of_a.iter().zip(&of_b).map(|(first, second)| (a[*first], b[*second]));
         // with `fmod` the sign is that of the first number, else that of the second
         let of_first = Attributes::of(node).integer("fmod").unwrap_or(0) != 0;
-        let is_other = |rest: i64, b: i64| !of_first && rest != 0 && (rest < 0) != (b < 0);
-        let values = pairs.map(|(a, b)| a.checked_rem(b).map(|rest| if is_other(rest, b) { rest + b } else { rest }));
-        let values: Option<Vec<i64>> = values.collect();
+        let values: Option<Vec<i64>> = pairs
+            .map(|(a, b)| {
+                let rest = a.checked_rem(b)?;
+                let is_of_other_sign = rest != 0 && (rest < 0) != (b < 0);
+                Some(if is_of_other_sign && !of_first { rest + b } else { rest })
+            })
+            .collect();
         let values = values.ok_or_else(|| ImportError::not_finite("a division by 0"))?;
         Ok(Value::Constant(ConstantTensor { shape, data: Data::Integer(values) }))
     }
@@ -249,6 +248,15 @@ impl GraphReader {
         let down = self.mapped(&down, Elementwise::Exponential, Vec::new())?;
         let both = self.combined(Operation::Add, &up, &down)?;
         self.mapped(&both, Elementwise::Linear, vec![0.5, 0.0])
+    }
+}
+
+/// Parameters of a linear function: only one factor and offset if they are all the same.
+fn linear_parameters(factors: Vec<f64>, offsets: Vec<f64>) -> Vec<f64> {
+    let are_same = [&factors, &offsets].iter().all(|numbers| numbers.iter().all(|number| *number == numbers[0]));
+    match are_same {
+        true => vec![factors[0], offsets[0]],
+        false => [factors, offsets].concat(),
     }
 }
 

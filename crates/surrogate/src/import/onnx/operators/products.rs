@@ -9,20 +9,8 @@ impl GraphReader {
     pub(super) fn gemm(&mut self, node: &NodeProto) -> Made {
         let attributes = Attributes::of(node);
         let (alpha, beta) = (attributes.float("alpha", 1.0)?, attributes.float("beta", 1.0)?);
-        let mut factor = |place: usize, name: &str| -> Made {
-            let value = self.input(node, place)?;
-            if value.shape().len() != 2 {
-                return Err(ImportError::malformed(format!(
-                    "a tensor of shape {:?}, expected two dimensions",
-                    value.shape()
-                )));
-            }
-            match attributes.integer(name).unwrap_or(0) {
-                0 => Ok(value),
-                _ => self.transposed(&value, &[1, 0]),
-            }
-        };
-        let (a, b) = (factor(0, "transA")?, factor(1, "transB")?);
+        let a = self.matrix(node, 0, attributes.integer("transA").unwrap_or(0) != 0)?;
+        let b = self.matrix(node, 1, attributes.integer("transB").unwrap_or(0) != 0)?;
         let mut product = self.product(&a, &b)?;
         if alpha != 1.0 {
             product = self.mapped(&product, Elementwise::Linear, vec![alpha, 0.0])?;
@@ -30,6 +18,16 @@ impl GraphReader {
         let Some(c) = self.given(node, 2)?.cloned() else { return Ok(product) };
         let c = if beta == 1.0 { c } else { self.mapped(&c, Elementwise::Linear, vec![beta, 0.0])? };
         self.combined(Operation::Add, &product, &c)
+    }
+
+    /// An input with two dimensions.
+    fn matrix(&mut self, node: &NodeProto, place: usize, is_transposed: bool) -> Made {
+        let value = self.input(node, place)?;
+        if value.shape().len() != 2 {
+            let message = format!("a tensor of shape {:?}, expected two dimensions", value.shape());
+            return Err(ImportError::malformed(message));
+        }
+        if is_transposed { self.transposed(&value, &[1, 0]) } else { Ok(value) }
     }
 
     pub(super) fn matmul(&mut self, node: &NodeProto) -> Made {
@@ -56,89 +54,135 @@ impl GraphReader {
             let shape = product.shape()[..product.shape().len() - 1].to_vec();
             return self.reshaped(&product, shape);
         }
-        let misfit = || ImportError::malformed(format!("a product of shapes {:?} and {:?}", a.shape(), b.shape()));
-        let (rows, inner) = (a.shape()[a_rank - 2], a.shape()[a_rank - 1]);
-        let columns = b.shape()[b_rank - 1];
-        if b.shape()[b_rank - 2] != inner || inner == 0 {
-            return Err(misfit());
+        let product = MatrixProduct::new(a.shape(), b.shape())?;
+        match (a, b) {
+            (Value::Constant(a), Value::Constant(b)) => product.of_constants(a, b),
+            (Value::Row(_), Value::Row(_)) => self.product_of_rows(&product, a, b),
+            // a vector times a matrix, which is most of them, keeps its precision; weights of other vectors would be zero
+            (Value::Row(a), Value::Constant(b)) if product.count > 0 && product.count / product.columns <= VECTORS => {
+                self.products_of_vectors(&product, a, b)
+            }
+            (Value::Row(row), Value::Constant(constant)) => self.product_as_weights(&product, row, constant, true),
+            (Value::Constant(constant), Value::Row(row)) => self.product_as_weights(&product, row, constant, false),
         }
-        let batch = broadcast(&a.shape()[..a_rank - 2], &b.shape()[..b_rank - 2]).map_err(|_| misfit())?;
-        let shape = [batch.as_slice(), &[rows, columns]].concat();
-        let count = within_limits(&shape)?;
-        // for each element of the result where its sum begins in either factor
-        let of_a = broadcast_places(&a.shape()[..a_rank - 2], &batch);
-        let of_b = broadcast_places(&b.shape()[..b_rank - 2], &batch);
-        let begins = |element: usize| {
-            let (matrix, row, column) = (element / (rows * columns), element / columns % rows, element % columns);
-            ((of_a[matrix] * rows + row) * inner, of_b[matrix] * inner * columns + column)
+    }
+
+    /// Sums of products of numbers that are not known.
+    fn product_of_rows(&mut self, product: &MatrixProduct, a: &Value, b: &Value) -> Made {
+        let MatrixProduct { inner, columns, count, .. } = *product;
+        within_limits(&[count, inner])?;
+        let (mut of_a, mut of_b) = (Vec::with_capacity(count * inner), Vec::with_capacity(count * inner));
+        for element in 0..count {
+            let [first, second] = product.begins(element);
+            of_a.extend((0..inner).map(|k| first + k));
+            of_b.extend((0..inner).map(|k| second + k * columns));
+        }
+        let x = self.pick(a, &of_a, vec![count, inner])?;
+        let y = self.pick(b, &of_b, vec![count, inner])?;
+        let products = self.combined(Operation::Multiply, &x, &y)?;
+        let sums = self.folded(Operation::Add, &products, vec![count, 1])?;
+        self.reshaped(&sums, product.shape.clone())
+    }
+
+    /// One layer for each row of the first factor.
+    fn products_of_vectors(&mut self, product: &MatrixProduct, row: &RowTensor, constant: &ConstantTensor) -> Made {
+        let MatrixProduct { inner, columns, count, .. } = *product;
+        weights_within_limits(count, inner)?;
+        let mut products = Vec::new();
+        for element in (0..count).step_by(columns) {
+            let [first, second] = product.begins(element);
+            let places: Vec<usize> =
+                (0..columns).flat_map(|column| (0..inner).map(move |k| second + column + k * columns)).collect();
+            let weight = of_data(constant.data.picked(&places));
+            let bias = zeros_like(&weight, columns);
+            let vector = self.picked(row, &(first..first + inner).collect::<Vec<_>>(), vec![inner])?;
+            products.push(self.affine(&vector, weight, bias, vec![columns])?);
+        }
+        let products = match products.as_slice() {
+            [product] => product.clone(),
+            products => self.concatenated(products, 0)?,
         };
-        let (row, constant) = match (a, b) {
-            (Value::Constant(a), Value::Constant(b)) => {
-                let (x, y) = (a.data.doubles(), b.data.doubles());
-                within_limits(&[count, inner])?;
-                let products = (0..count)
-                    .map(|element| {
-                        let (first, second) = begins(element);
-                        (0..inner).map(|k| x[first + k] * y[second + k * columns]).sum()
-                    })
-                    .collect();
-                return Ok(Value::Constant(ConstantTensor::like(&a.data, shape, products)));
-            }
-            (Value::Row(row), Value::Constant(constant)) | (Value::Constant(constant), Value::Row(row)) => {
-                (row, constant)
-            }
-            (Value::Row(_), Value::Row(_)) => {
-                within_limits(&[count, inner])?;
-                let factor = |reader: &mut Self, value: &Value, place: &dyn Fn(usize, usize) -> usize| {
-                    let elements = (0..count).flat_map(|element| (0..inner).map(move |k| (element, k)));
-                    let places: Vec<usize> = elements.map(|(element, k)| place(element, k)).collect();
-                    reader.pick(value, &places, vec![count, inner])
-                };
-                let x = factor(self, a, &|element, k| begins(element).0 + k)?;
-                let y = factor(self, b, &|element, k| begins(element).1 + k * columns)?;
-                let products = self.combined(Operation::Multiply, &x, &y)?;
-                let sums = self.folded(Operation::Add, &products, vec![count, 1])?;
-                return self.reshaped(&sums, shape);
-            }
-        };
+        self.reshaped(&products, product.shape.clone())
+    }
+
+    /// One layer of all the numbers of a factor, which is the first one or the second one.
+    fn product_as_weights(
+        &mut self,
+        product: &MatrixProduct,
+        row: &RowTensor,
+        constant: &ConstantTensor,
+        row_is_first: bool,
+    ) -> Made {
+        let MatrixProduct { inner, columns, count, .. } = *product;
         let width = self.builder.width(row.value);
-        let row_is_first = matches!(a, Value::Row(_));
-        // a vector times a matrix, which is most of them, keeps its precision; weights of other vectors would be zero
-        if row_is_first && count > 0 && count / columns <= VECTORS {
-            weights_within_limits(count, inner)?;
-            let mut products = Vec::new();
-            for element in (0..count).step_by(columns) {
-                let (first, second) = begins(element);
-                let weight = of_data(
-                    constant.data.picked(
-                        &(0..columns)
-                            .flat_map(|column| (0..inner).map(move |k| second + column + k * columns))
-                            .collect::<Vec<_>>(),
-                    ),
-                );
-                let bias = zeros_like(&weight, columns);
-                let vector = self.picked(row, &(first..first + inner).collect::<Vec<_>>(), vec![inner])?;
-                products.push(self.affine(&vector, weight, bias, vec![columns])?);
-            }
-            let products = match products.as_slice() {
-                [product] => product.clone(),
-                products => self.concatenated(products, 0)?,
-            };
-            return self.reshaped(&products, shape);
-        }
         weights_within_limits(count, width)?;
         let numbers = constant.data.doubles();
         let mut weight = vec![0.0; count * width];
         for element in 0..count {
-            let (first, second) = begins(element);
+            let [first, second] = product.begins(element);
             for k in 0..inner {
                 let (of_a, of_b) = (first + k, second + k * columns);
                 let (variable, number) = if row_is_first { (of_a, numbers[of_b]) } else { (of_b, numbers[of_a]) };
                 weight[element * width + variable] += number;
             }
         }
-        self.affine(row, weight.into(), vec![0.0; count].into(), shape)
+        self.affine(row, weight.into(), vec![0.0; count].into(), product.shape.clone())
     }
+}
+
+/// Where the factors of a product of matrices have their numbers.
+struct MatrixProduct {
+    rows: usize,
+    /// Number of products in each sum.
+    inner: usize,
+    columns: usize,
+    shape: Vec<usize>,
+    /// Number of elements of the result.
+    count: usize,
+    /// The matrix of either factor that each matrix of the result is of.
+    of_a: Vec<usize>,
+    of_b: Vec<usize>,
+}
+
+impl MatrixProduct {
+    /// The product of tensors with these shapes, of at least two dimensions.
+    fn new(a: &[usize], b: &[usize]) -> Result<Self, ImportError> {
+        let ([of_a @ .., rows, inner], [of_b @ .., other_inner, columns]) = (a, b) else {
+            return Err(misfit(a, b));
+        };
+        if other_inner != inner || *inner == 0 {
+            return Err(misfit(a, b));
+        }
+        let batch = broadcast(of_a, of_b).map_err(|_| misfit(a, b))?;
+        let shape = [batch.as_slice(), &[*rows, *columns]].concat();
+        let count = within_limits(&shape)?;
+        let (of_a, of_b) = (broadcast_places(of_a, &batch), broadcast_places(of_b, &batch));
+        Ok(Self { rows: *rows, inner: *inner, columns: *columns, shape, count, of_a, of_b })
+    }
+
+    /// Where the sum of an element of the result begins in either factor.
+    #[inline]
+    fn begins(&self, element: usize) -> [usize; 2] {
+        let Self { rows, inner, columns, .. } = *self;
+        let (matrix, row, column) = (element / (rows * columns), element / columns % rows, element % columns);
+        [(self.of_a[matrix] * rows + row) * inner, self.of_b[matrix] * inner * columns + column]
+    }
+
+    fn of_constants(&self, a: &ConstantTensor, b: &ConstantTensor) -> Made {
+        let (x, y) = (a.data.doubles(), b.data.doubles());
+        within_limits(&[self.count, self.inner])?;
+        let sums = (0..self.count)
+            .map(|element| {
+                let [first, second] = self.begins(element);
+                (0..self.inner).map(|k| x[first + k] * y[second + k * self.columns]).sum()
+            })
+            .collect();
+        Ok(Value::Constant(ConstantTensor::like(&a.data, self.shape.clone(), sums)))
+    }
+}
+
+fn misfit(a: &[usize], b: &[usize]) -> ImportError {
+    ImportError::malformed(format!("a product of shapes {a:?} and {b:?}"))
 }
 
 /// Weights of a file, in its precision.

@@ -57,10 +57,10 @@ impl GraphReader {
             }
         };
         self.has_memory(before, after);
-        let row = |value: usize, shape: Vec<usize>| Value::Row(RowTensor { shape, value, is_single: cell.is_single });
         let last = vec![1, 1, cell.hidden];
-        let mut made = vec![row(after, vec![1, 1, 1, cell.hidden]), row(after, last.clone())];
-        made.extend(memory.map(|memory| row(memory, last)));
+        let mut made =
+            vec![row_of_cell(&cell, after, vec![1, 1, 1, cell.hidden]), row_of_cell(&cell, after, last.clone())];
+        made.extend(memory.map(|memory| row_of_cell(&cell, memory, last)));
         Ok(made)
     }
 
@@ -184,20 +184,20 @@ impl GraphReader {
         let RecurrentCell { hidden, inputs, weights, recurrence, bias: [of_sample, of_hidden], .. } = cell;
         let rows = gates.start * hidden..gates.end * hidden;
         let both = self.joined(of)?;
-        let row = |row: usize| {
-            let (weights, recurrence) = (&weights[row * inputs..][..*inputs], &recurrence[row * hidden..][..*hidden]);
-            weights.iter().chain(recurrence).copied()
-        };
-        let weight: Vec<f64> = rows.clone().flat_map(row).collect();
-        let bias: Vec<f64> = rows.map(|row| of_sample[row] + of_hidden[row]).collect();
+        let (mut weight, mut bias) = (Vec::<f64>::new(), Vec::<f64>::new());
+        for row in rows {
+            weight.extend(&weights[row * inputs..][..*inputs]);
+            weight.extend(&recurrence[row * hidden..][..*hidden]);
+            bias.push(of_sample[row] + of_hidden[row]);
+        }
         self.builder.affine(both, weight.into(), bias.into())
     }
 
     fn joined(&mut self, of: &[usize]) -> Result<usize, GraphError> {
-        let columns = |value: &usize| -> Vec<[u32; 2]> {
-            (0..self.builder.width(*value)).map(|column| [*value as u32, column as u32]).collect()
-        };
-        let columns = of.iter().flat_map(columns).collect();
+        let mut columns = Vec::new();
+        for value in of {
+            columns.extend((0..self.builder.width(*value)).map(|column| [*value as u32, column as u32]));
+        }
         self.builder.columns(columns)
     }
 
@@ -285,6 +285,11 @@ impl GraphReader {
     }
 }
 
+/// A value that has the numbers of a cell.
+fn row_of_cell(cell: &RecurrentCell, value: usize, shape: Vec<usize>) -> Value {
+    Value::Row(RowTensor { shape, value, is_single: cell.is_single })
+}
+
 /// Numbers of a tensor of a shape.
 fn shaped(tensor: &ConstantTensor, name: &str, shape: &[usize]) -> Result<Vec<f64>, ImportError> {
     if tensor.shape == shape {
@@ -315,51 +320,64 @@ fn activations(attributes: Attributes, defaults: &[&str]) -> Result<Vec<Function
         )));
     }
     let (alphas, betas) = (attributes.floats("activation_alpha")?, attributes.floats("activation_beta")?);
-    let (mut alphas, mut betas) = (alphas.into_iter(), betas.into_iter());
-    // each function takes the next of the numbers that it has
-    let mut alpha = |default: f64| alphas.next().unwrap_or(default);
-    let mut beta = |default: f64| betas.next().unwrap_or(default);
-    let one = |function, parameters| vec![(function, parameters)];
-    let own = |activation| one(Elementwise::Activation(activation), Vec::new());
-    let function = |name: &String| {
-        Ok(match name.to_ascii_lowercase().as_str() {
-            "tanh" => own(Activation::Tanh),
-            "sigmoid" => own(Activation::Sigmoid),
-            "relu" => own(Activation::Relu),
-            "softsign" => one(Elementwise::Softsign, Vec::new()),
-            "softplus" => one(Elementwise::Softplus, Vec::new()),
-            "affine" => one(Elementwise::Linear, vec![alpha(1.0), beta(0.0)]),
-            "leakyrelu" => one(Elementwise::LeakyRelu, vec![alpha(0.01)]),
-            "thresholdedrelu" => one(Elementwise::ThresholdedRelu, vec![alpha(1.0)]),
-            "elu" => one(Elementwise::Elu, vec![alpha(1.0)]),
-            "hardsigmoid" => {
-                vec![(Elementwise::Linear, vec![alpha(0.2), beta(0.5)]), (Elementwise::Clip, vec![0.0, 1.0])]
-            }
-            "scaledtanh" => {
-                let (outer, inner) = (alpha(1.0), beta(1.0));
-                let tanh = (Elementwise::Activation(Activation::Tanh), Vec::new());
-                vec![(Elementwise::Linear, vec![inner, 0.0]), tanh, (Elementwise::Linear, vec![outer, 0.0])]
-            }
-            _ => {
-                let known = [
-                    "Tanh",
-                    "Sigmoid",
-                    "Relu",
-                    "Softsign",
-                    "Softplus",
-                    "Affine",
-                    "LeakyRelu",
-                    "ThresholdedRelu",
-                    "Elu",
-                    "HardSigmoid",
-                    "ScaledTanh",
-                ];
-                return Err(ImportError::malformed(format!(
-                    "attribute `activations`: \"{name}\", {}",
-                    crate::diagnostics::names::expected_one_of(name, &known)
-                )));
-            }
-        })
-    };
-    names.iter().map(function).collect()
+    let mut numbers = ActivationNumbers { alphas: alphas.into_iter(), betas: betas.into_iter() };
+    names.iter().map(|name| function_chain(name, &mut numbers)).collect()
+}
+
+/// Numbers of functions. Each function takes the next of the numbers that it has.
+struct ActivationNumbers {
+    alphas: std::vec::IntoIter<f64>,
+    betas: std::vec::IntoIter<f64>,
+}
+
+impl ActivationNumbers {
+    fn alpha(&mut self, default: f64) -> f64 {
+        self.alphas.next().unwrap_or(default)
+    }
+
+    fn beta(&mut self, default: f64) -> f64 {
+        self.betas.next().unwrap_or(default)
+    }
+}
+
+fn function_chain(name: &str, numbers: &mut ActivationNumbers) -> Result<FunctionChain, ImportError> {
+    let tanh = (Elementwise::Activation(Activation::Tanh), Vec::new());
+    Ok(match name.to_ascii_lowercase().as_str() {
+        "tanh" => vec![tanh],
+        "sigmoid" => vec![(Elementwise::Activation(Activation::Sigmoid), Vec::new())],
+        "relu" => vec![(Elementwise::Activation(Activation::Relu), Vec::new())],
+        "softsign" => vec![(Elementwise::Softsign, Vec::new())],
+        "softplus" => vec![(Elementwise::Softplus, Vec::new())],
+        "affine" => vec![(Elementwise::Linear, vec![numbers.alpha(1.0), numbers.beta(0.0)])],
+        "leakyrelu" => vec![(Elementwise::LeakyRelu, vec![numbers.alpha(0.01)])],
+        "thresholdedrelu" => vec![(Elementwise::ThresholdedRelu, vec![numbers.alpha(1.0)])],
+        "elu" => vec![(Elementwise::Elu, vec![numbers.alpha(1.0)])],
+        "hardsigmoid" => {
+            let line = (Elementwise::Linear, vec![numbers.alpha(0.2), numbers.beta(0.5)]);
+            vec![line, (Elementwise::Clip, vec![0.0, 1.0])]
+        }
+        "scaledtanh" => {
+            let (outer, inner) = (numbers.alpha(1.0), numbers.beta(1.0));
+            vec![(Elementwise::Linear, vec![inner, 0.0]), tanh, (Elementwise::Linear, vec![outer, 0.0])]
+        }
+        _ => {
+            let known = [
+                "Tanh",
+                "Sigmoid",
+                "Relu",
+                "Softsign",
+                "Softplus",
+                "Affine",
+                "LeakyRelu",
+                "ThresholdedRelu",
+                "Elu",
+                "HardSigmoid",
+                "ScaledTanh",
+            ];
+            return Err(ImportError::malformed(format!(
+                "attribute `activations`: \"{name}\", {}",
+                crate::diagnostics::names::expected_one_of(name, &known)
+            )));
+        }
+    })
 }

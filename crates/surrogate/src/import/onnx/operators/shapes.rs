@@ -141,14 +141,13 @@ impl GraphReader {
             of.extend((0..value.shape()[at]).map(|within| (number, within)));
         }
         let strides: Vec<Vec<usize>> = values.iter().map(|value| strides(value.shape())).collect();
-        let place = |index: &[usize]| {
+        let mut found = places(&shape, |index| {
             let (number, within) = of[index[at]];
             let dims = index.iter().zip(&strides[number]).enumerate();
             let place: usize =
                 dims.map(|(place, (index, stride))| stride * if place == at { within } else { *index }).sum();
             [number as u32, place as u32]
-        };
-        let mut found = places(&shape, place);
+        });
         let constants: Option<Vec<&ConstantTensor>> = values.iter().map(Value::constant).collect();
         if let Some(tensors) = constants {
             let all: Vec<Vec<f64>> = tensors.iter().map(|tensor| tensor.data.doubles()).collect();

@@ -23,17 +23,12 @@ impl Window {
         if attributes.integer("ceil_mode").unwrap_or(0) != 0 {
             return Err(ImportError::unsupported("attribute `ceil_mode` is not 0"));
         }
-        let given = |name: &str, count: usize, default: usize| -> Result<Vec<usize>, ImportError> {
-            let lengths = attributes.integers(name).map_or_else(|| Ok(vec![default; count]), lengths)?;
-            if lengths.len() == count && lengths.iter().all(|length| (default..MAX_ELEMENTS).contains(length)) {
-                return Ok(lengths);
-            }
-            let message = format!("attribute `{name}` is {lengths:?} for dimensions {shape:?}");
-            Err(ImportError::malformed(message))
-        };
         let steps = strides(shape);
-        let (strides, dilations) = (given("strides", rank, 1)?, given("dilations", rank, 1)?);
-        let mut pads = given("pads", 2 * rank, 0)?;
+        let (strides, dilations) = (
+            given(attributes, "strides", vec![1; rank], shape)?,
+            given(attributes, "dilations", vec![1; rank], shape)?,
+        );
+        let mut pads = given(attributes, "pads", vec![0; 2 * rank], shape)?;
         let reach: Vec<usize> =
             (0..rank).map(|at| (kernel[at] - 1).saturating_mul(dilations[at]).saturating_add(1)).collect();
         let same = match attributes.text("auto_pad").as_deref() {
@@ -53,29 +48,40 @@ impl Window {
                 pads[rank + at] = all - pads[at];
             }
         }
-        let position = |at: usize| -> Option<usize> {
-            Some((shape[at] + pads[at] + pads[rank + at]).checked_sub(reach[at])? / strides[at] + 1)
-        };
-        let positions: Option<Vec<usize>> = (0..rank).map(position).collect();
+        let positions: Option<Vec<usize>> = (0..rank)
+            .map(|at| Some((shape[at] + pads[at] + pads[rank + at]).checked_sub(reach[at])? / strides[at] + 1))
+            .collect();
         let positions = positions.ok_or_else(|| {
             let message = format!("a window of {reach:?} elements for dimensions {shape:?}");
             ImportError::malformed(message)
         })?;
         within_limits(&[within_limits(&positions)?, within_limits(kernel)?])?;
-        let element = |from: &[usize], within: &[usize]| -> Option<usize> {
-            (0..rank)
-                .map(|at| {
-                    let place = (from[at] * strides[at] + within[at] * dilations[at]).checked_sub(pads[at])?;
-                    (place < shape[at]).then_some(place * steps[at])
-                })
-                .sum()
-        };
-        let elements = places(&positions, |from| places(kernel, |within| element(from, within)));
+        let elements = places(&positions, |from| {
+            places(kernel, |within| {
+                (0..rank)
+                    .map(|at| {
+                        let place = (from[at] * strides[at] + within[at] * dilations[at]).checked_sub(pads[at])?;
+                        (place < shape[at]).then_some(place * steps[at])
+                    })
+                    .sum::<Option<usize>>()
+            })
+        });
         if elements.iter().any(|elements| elements.iter().all(Option::is_none)) {
             return Err(ImportError::unsupported("a window that has nothing of the tensor"));
         }
         Ok(Self { positions, elements })
     }
+}
+
+/// Lengths of an attribute of a window over dimensions; by default the smallest that are allowed.
+fn given(attributes: Attributes, name: &str, least: Vec<usize>, shape: &[usize]) -> Result<Vec<usize>, ImportError> {
+    let Some(lengths) = attributes.integers(name).map(lengths).transpose()? else { return Ok(least) };
+    let fits = lengths.len() == least.len()
+        && lengths.iter().zip(&least).all(|(length, least)| (*least..MAX_ELEMENTS).contains(length));
+    if fits {
+        return Ok(lengths);
+    }
+    Err(ImportError::malformed(format!("attribute `{name}` is {lengths:?} for dimensions {shape:?}")))
 }
 
 impl GraphReader {
@@ -110,10 +116,9 @@ impl GraphReader {
         };
         let window = Window::new(node, shape, kernel)?;
         let (numbers, size) = (weight.data.doubles(), kernel.iter().product::<usize>());
-        let weight = |output: usize, channel: usize, _: usize, element: usize| {
+        self.moved(&value, &window, &bias, groups, |output, channel, _, element| {
             numbers[(output * each + channel) * size + element]
-        };
-        self.moved(&value, &window, &bias, groups, weight)
+        })
     }
 
     pub(super) fn average_pool(&mut self, node: &NodeProto) -> Made {
@@ -134,12 +139,15 @@ impl GraphReader {
 
     pub(super) fn max_pool(&mut self, node: &NodeProto) -> Made {
         let (value, window) = self.pooled(node)?;
-        // an element that is there twice changes nothing
-        let known = |elements: &Vec<Option<usize>>| -> Vec<usize> {
-            let first = elements.iter().find_map(|element| *element).unwrap_or(0);
-            elements.iter().map(|element| element.unwrap_or(first)).collect()
-        };
-        let elements: Vec<Vec<usize>> = window.elements.iter().map(known).collect();
+        let elements: Vec<Vec<usize>> = window
+            .elements
+            .iter()
+            .map(|elements| {
+                // an element that is there twice changes nothing
+                let first = elements.iter().find_map(|element| *element).unwrap_or(0);
+                elements.iter().map(|element| element.unwrap_or(first)).collect()
+            })
+            .collect();
         let size: usize = value.shape()[2..].iter().product();
         let maps = value.shape()[0] * value.shape()[1];
         let each = elements[0].len();
@@ -210,15 +218,17 @@ impl GraphReader {
         let mut products = Vec::new();
         for part in 0..parts {
             let (from, group, position) = (part / (groups * count), part / count % groups, part % count);
-            let elements =
-                || window.elements[position].iter().enumerate().filter_map(|(at, element)| Some((at, (*element)?)));
-            let taken = || (0..each).flat_map(|channel| elements().map(move |(at, element)| (channel, at, element)));
-            let places: Vec<usize> = taken()
-                .map(|(channel, _, element)| ((from * channels) + group * each + channel) * size + element)
-                .collect();
+            let elements = window.elements[position].iter().enumerate();
+            let elements: Vec<(usize, usize)> = elements.filter_map(|(at, element)| Some((at, (*element)?))).collect();
+            let mut places = Vec::new();
+            for channel in 0..each {
+                let begin = ((from * channels) + group * each + channel) * size;
+                places.extend(elements.iter().map(|(_, element)| begin + element));
+            }
             let first = group * outputs;
             let weights = (first..first + outputs)
-                .flat_map(|output| taken().map(move |(channel, at, _)| (output, channel, at)))
+                .flat_map(|output| (0..each).map(move |channel| (output, channel)))
+                .flat_map(|(output, channel)| elements.iter().map(move |(at, _)| (output, channel, *at)))
                 .map(|(output, channel, at)| weight(output, channel, position, at));
             let (weights, bias) = match bias {
                 Numbers::Single(bias) => (
@@ -256,31 +266,27 @@ impl GraphReader {
         for (number, at) in axes.iter().enumerate() {
             around[axis(*at, shape.len())?] = (pads[number], pads[axes.len() + number]);
         }
-        let grown = |(dim, (before, behind)): (&usize, &(i64, i64))| {
-            let length = (*dim as i64).checked_add(*before)?.checked_add(*behind)?;
-            usize::try_from(length).ok()
-        };
-        let padded: Option<Vec<usize>> = shape.iter().zip(&around).map(grown).collect();
+        let padded: Option<Vec<usize>> = shape
+            .iter()
+            .zip(&around)
+            .map(|(dim, (before, behind))| {
+                let length = (*dim as i64).checked_add(*before)?.checked_add(*behind)?;
+                usize::try_from(length).ok()
+            })
+            .collect();
         let misfit = || ImportError::malformed(format!("pads of {around:?} for a shape of {shape:?}"));
         let padded = padded.ok_or_else(misfit)?;
         within_limits(&padded)?;
         let mode = attributes.text("mode").unwrap_or_else(|| "constant".into());
-        let inside = |index: usize, at: usize| -> Option<usize> {
-            let (last, place) = (shape[at] as i64 - 1, (index as i64).saturating_sub(around[at].0));
-            let place = match mode.as_str() {
-                "edge" => place.clamp(0, last.max(0)),
-                "reflect" if place < 0 => -place,
-                "reflect" if place > last => 2 * last - place,
-                _ => place,
-            };
-            usize::try_from(place).ok().filter(|place| *place < shape[at])
-        };
         let strides = strides(&shape);
         // behind the last element comes the constant
         let count: usize = shape.iter().product();
         let found = places(&padded, |index| {
             (0..shape.len())
-                .map(|at| Some(inside(index[at], at)? * strides[at]))
+                .map(|at| {
+                    let place = (index[at] as i64).saturating_sub(around[at].0);
+                    Some(inside(&mode, place, shape[at])? * strides[at])
+                })
                 .sum::<Option<usize>>()
                 .unwrap_or(count)
         });
@@ -304,4 +310,16 @@ impl GraphReader {
             }
         }
     }
+}
+
+/// The element of a dimension that a place inside or outside of it has; none if that is the constant.
+fn inside(mode: &str, place: i64, length: usize) -> Option<usize> {
+    let last = length as i64 - 1;
+    let place = match mode {
+        "edge" => place.clamp(0, last.max(0)),
+        "reflect" if place < 0 => -place,
+        "reflect" if place > last => 2 * last - place,
+        _ => place,
+    };
+    usize::try_from(place).ok().filter(|place| *place < length)
 }
