@@ -71,10 +71,7 @@ impl Axis {
     fn place(&self, value: f64) -> f64 {
         match self.scale {
             AxisScale::Linear | AxisScale::Whole => (value - self.low) / (self.high - self.low),
-            AxisScale::Log => {
-                let decades = |value: f64| value.max(f64::MIN_POSITIVE).log10();
-                (decades(value) - decades(self.low)) / (decades(self.high) - decades(self.low))
-            }
+            AxisScale::Log => (decades(value) - decades(self.low)) / (decades(self.high) - decades(self.low)),
         }
     }
 
@@ -90,14 +87,13 @@ impl Axis {
             AxisScale::Log => {
                 let (first, last) = (self.low.log10() - 1e-6, self.high.log10() + 1e-6);
                 let decades = first.floor() as i32..=last.ceil() as i32;
-                let inside = |tick: &f64| (first..=last).contains(&tick.log10());
-                if last - first < 2.5 {
-                    let ticks = decades.flat_map(|decade| [1.0, 2.0, 5.0].map(|factor| factor * 10f64.powi(decade)));
-                    return ticks.filter(inside).collect();
-                }
-                let step = (last - first) as i32 / count.max(1) as i32 + 1;
-                let whole = decades.filter(|decade| decade % step == 0);
-                whole.map(|decade| 10f64.powi(decade)).filter(inside).collect()
+                let ticks: Vec<f64> = if last - first < 2.5 {
+                    decades.flat_map(|decade| [1.0, 2.0, 5.0].map(|factor| factor * 10f64.powi(decade))).collect()
+                } else {
+                    let step = (last - first) as i32 / count.max(1) as i32 + 1;
+                    decades.filter(|decade| decade % step == 0).map(|decade| 10f64.powi(decade)).collect()
+                };
+                ticks.into_iter().filter(|tick| (first..=last).contains(&tick.log10())).collect()
             }
         }
     }
@@ -131,6 +127,11 @@ impl Axis {
         let digits = (value.abs().log10().floor() - step.log10().floor()).clamp(0.0, 6.0) as usize;
         readable::tick(&format!("{value:.digits$e}"))
     }
+}
+
+/// Logarithm of a value on a logarithmic axis.
+fn decades(value: f64) -> f64 {
+    value.max(f64::MIN_POSITIVE).log10()
 }
 
 /// Names a quantity as axes do: `theta [rad]`.

@@ -183,18 +183,11 @@ impl Chart {
     /// Makes one unit equally long on both axes, which must be linear, by lengthening the range of one of them.
     pub fn equal_scales(mut self) -> Self {
         let [left, below, right, above] = MARGINS.map(f64::from);
-        let per_unit = |axis: &Axis, length: f64| length / (axis.high - axis.low);
         let (width, height) = (f64::from(WIDTH) - left - right, f64::from(HEIGHT) - below - above);
-        let (x, y) = (per_unit(&self.x, width), per_unit(&self.y, height));
-        let lengthen = |axis: &mut Axis, factor: f64| {
-            let (middle, half) = (0.5 * (axis.low + axis.high), 0.5 * (axis.high - axis.low) * factor);
-            (axis.low, axis.high) = (middle - half, middle + half);
-        };
-        if x > y {
-            lengthen(&mut self.x, x / y)
-        } else {
-            lengthen(&mut self.y, y / x)
-        }
+        let (x, y) = (width / (self.x.high - self.x.low), height / (self.y.high - self.y.low));
+        let (axis, factor) = if x > y { (&mut self.x, x / y) } else { (&mut self.y, y / x) };
+        let (middle, half) = (0.5 * (axis.low + axis.high), 0.5 * (axis.high - axis.low) * factor);
+        (axis.low, axis.high) = (middle - half, middle + half);
         self
     }
 
@@ -342,8 +335,11 @@ impl Chart {
 
     /// Points moved to the edge of the plot where they are beyond it.
     fn clipped(&self, points: &[[f64; 2]]) -> Vec<[f64; 2]> {
-        let clamp = |axis: &Axis, value: f64| value.clamp(axis.low, axis.high);
-        points.iter().map(|&[x, y]| [clamp(&self.x, x), clamp(&self.y, y)]).collect()
+        let Self { x: horizontal, y: vertical, .. } = self;
+        points
+            .iter()
+            .map(|&[x, y]| [x.clamp(horizontal.low, horizontal.high), y.clamp(vertical.low, vertical.high)])
+            .collect()
     }
 }
 
@@ -355,18 +351,20 @@ pub fn stack(title: &str, charts: &[Chart], height: u32) -> Result<String, PlotE
     let heights: Vec<u32> = charts.iter().map(|chart| height + chart.legend_height()).collect();
     let total: u32 = heights.iter().sum();
     let mut svg = String::new();
-    let draw = |svg: &mut String| -> DrawResult {
-        let mut area = SVGBackend::with_string(svg, (SCALE * WIDTH, SCALE * total)).into_drawing_area();
-        area.fill(&WHITE)?;
-        for (chart, height) in charts.iter().zip(&heights) {
-            let (upper, rest) = area.split_vertically(SCALE * height);
-            chart.draw(&upper)?;
-            area = rest;
-        }
-        area.present()
-    };
-    draw(&mut svg).map_err(PlotError::Drawing)?;
+    draw_stack(&mut svg, charts, &heights).map_err(PlotError::Drawing)?;
     Ok(finish(&svg, title, total))
+}
+
+fn draw_stack(svg: &mut String, charts: &[Chart], heights: &[u32]) -> DrawResult {
+    let total: u32 = heights.iter().sum();
+    let mut area = SVGBackend::with_string(svg, (SCALE * WIDTH, SCALE * total)).into_drawing_area();
+    area.fill(&WHITE)?;
+    for (chart, height) in charts.iter().zip(heights) {
+        let (upper, rest) = area.split_vertically(SCALE * height);
+        chart.draw(&upper)?;
+        area = rest;
+    }
+    area.present()
 }
 
 /// Adds what plotters' SVG lacks: a display size, a name for screen readers, and dashes, which depend on the color.
@@ -401,8 +399,9 @@ fn triangle((x, y): (i32, i32), ink: Ink) -> Polygon<(i32, i32)> {
 /// Between nearly white and the ink.
 fn shaded(ink: Ink, shade: f64) -> RGBColor {
     let RGBColor(red, green, blue) = ink.color();
-    let mix = |channel: u8| (235.0 + (f64::from(channel) - 235.0) * shade.clamp(0.0, 1.0)).round() as u8;
-    RGBColor(mix(red), mix(green), mix(blue))
+    let [red, green, blue] =
+        [red, green, blue].map(|channel| (235.0 + (f64::from(channel) - 235.0) * shade.clamp(0.0, 1.0)).round() as u8);
+    RGBColor(red, green, blue)
 }
 
 /// At most `LINE_POINTS` points: the lowest and the highest of each group, so that no peak is lost.
@@ -414,9 +413,10 @@ pub fn thin(points: &[[f64; 2]]) -> Vec<[f64; 2]> {
     points
         .chunks(group)
         .flat_map(|group| {
-            let by_y = |&a: &usize, &b: &usize| group[a][1].total_cmp(&group[b][1]);
-            let (lowest, highest) = ((0..group.len()).min_by(by_y), (0..group.len()).max_by(by_y));
-            let mut ends: Vec<usize> = lowest.into_iter().chain(highest).collect();
+            let points = group.iter().enumerate();
+            let lowest = points.clone().min_by(|(_, a), (_, b)| a[1].total_cmp(&b[1]));
+            let highest = points.max_by(|(_, a), (_, b)| a[1].total_cmp(&b[1]));
+            let mut ends: Vec<usize> = lowest.into_iter().chain(highest).map(|(index, _)| index).collect();
             ends.sort_unstable();
             ends.into_iter().map(|index| group[index]).collect::<Vec<_>>()
         })
@@ -431,7 +431,7 @@ fn draw_numbered(area: &ChartArea, points: &[(usize, (i32, i32))], ink: Ink) -> 
     let (width, height) = (width as i32, height as i32);
     let mut taken: Vec<(i32, i32)> = Vec::new();
     for &(_, (x, y)) in points {
-        let inside = |x: i32, y: i32| (radius..=width - radius).contains(&x) && (radius..=height - radius).contains(&y);
+        let (columns, rows) = (radius..=width - radius, radius..=height - radius);
         // outwards in a spiral
         let spiral = (0..400).map(|step| {
             let (distance, angle) = (f64::from(step) * 0.6 * f64::from(SCALE), f64::from(step) * 0.7);
@@ -440,7 +440,8 @@ fn draw_numbered(area: &ChartArea, points: &[(usize, (i32, i32))], ink: Ink) -> 
         let place = spiral
             .into_iter()
             .find(|&(x, y)| {
-                inside(x, y)
+                columns.contains(&x)
+                    && rows.contains(&y)
                     && taken.iter().all(|(u, v)| (x - u).pow(2) + (y - v).pow(2) > (2 * radius + 2 * unit).pow(2))
             })
             .unwrap_or((x, y));

@@ -68,25 +68,21 @@ fn cost(material: &Material) -> String {
 /// Where the surrogate is valid, variable by variable, as HTML.
 pub fn ranges(surrogate: &Surrogate, accepted: bool) -> String {
     let mut items = Vec::new();
-    let mut add = |name: &str, range: String, unit: &str| {
-        let range = format!("{range} {unit}");
-        items.push(format!("<span><code>{}</code> {}</span>", escape(name), escape(range.trim_end())));
-    };
-    let between = |min: f64, max: f64| format!("{} to {}", number(min), number(max));
     for input in surrogate.inputs().iter().filter(|input| input.role != Role::Start) {
         let range = match &input.encoding {
             Encoding::Nominal(values) => {
                 format!("only {}", values.iter().map(|&value| number(value)).collect::<Vec<_>>().join(", "))
             }
-            Encoding::Plain | Encoding::Periodic => between(input.min, input.max),
+            Encoding::Plain | Encoding::Periodic => format!("{} to {}", number(input.min), number(input.max)),
         };
-        add(&input.name, range, &input.unit);
+        items.push(valid_item(&input.name, &format!("{range} {}", input.unit)));
     }
     for state in surrogate.states() {
-        match state.range {
-            Some([min, max]) => add(&state.name, between(min, max), &state.unit),
-            None => add(&state.name, "any value".into(), ""),
-        }
+        let range = match state.range {
+            Some([min, max]) => format!("{} to {} {}", number(min), number(max), state.unit),
+            None => "any value".into(),
+        };
+        items.push(valid_item(&state.name, &range));
     }
     if items.is_empty() {
         return String::new();
@@ -96,6 +92,10 @@ pub fn ranges(surrogate: &Surrogate, accepted: bool) -> String {
         false => ("Trained for", "rejected: not to be used there either"),
     };
     format!("<p class=\"ranges\"><b>{title}</b> {} <small>{beyond}</small></p>\n", items.join(" "))
+}
+
+fn valid_item(name: &str, range: &str) -> String {
+    format!("<span><code>{}</code> {}</span>", escape(name), escape(range.trim_end()))
 }
 
 /// R², largest error and bound of each output.
@@ -155,53 +155,52 @@ fn strips(evaluated: &Evaluated) -> Vec<Strip> {
     let order = evaluated.runs_by_error();
     let (Some(&worst), false) = (order.last(), evaluated.outputs() == 0) else { return Vec::new() };
     let column = worst_output(evaluated);
-    let quantity = [&evaluated.test.outputs[column].name, &evaluated.test.outputs[column].unit].map(String::clone);
     if evaluated.is_of_rows() {
-        return vec![of_rows(evaluated, column, quantity, [order[(order.len() - 1) / 2], worst])];
+        return vec![of_rows(evaluated, column, [order[(order.len() - 1) / 2], worst])];
     }
-    let strip = |title: &str, run: usize| {
-        let rows: Vec<[f64; 3]> =
-            evaluated.rows(run, column).map(|row| [row.time, row.label, row.prediction]).collect();
-        let end = |row: Option<&[f64; 3]>| row.map_or(String::new(), |row| format!("{} s", number(row[0])));
-        Strip {
-            title: title.to_owned(),
-            about: format!(
-                "run {run}, RMS error {} of the range: {}",
-                percent(evaluated.run_errors()[run]),
-                values(evaluated, run)
-            ),
-            ends: [end(rows.first()), end(rows.last())],
-            bound: rows.iter().map(|row| evaluated.bound(column, row[0])).collect(),
-            quantity: quantity.clone(),
-            rows,
-        }
-    };
     match order.len() {
-        1 => vec![strip("The only run", worst)],
+        1 => vec![of_run(evaluated, column, worst, "The only run".into())],
         _ => ["Worst", "Median"]
             .into_iter()
             .zip([worst, order[(order.len() - 1) / 2]])
-            .map(|(which, run)| strip(&format!("{which} of {} runs", count(order.len())), run))
+            .map(|(which, run)| of_run(evaluated, column, run, format!("{which} of {} runs", count(order.len()))))
             .collect(),
     }
 }
 
-fn of_rows(evaluated: &Evaluated, column: usize, quantity: [String; 2], [median, worst]: [usize; 2]) -> Strip {
-    let row = |run: usize| evaluated.rows(run, column).next().map(|row| [0.0, row.label, row.prediction]);
-    let mut rows: Vec<[f64; 3]> = (0..evaluated.test.runs.len()).filter_map(row).collect();
+/// Name and unit of an output.
+fn quantity(evaluated: &Evaluated, column: usize) -> [String; 2] {
+    let output = &evaluated.test.outputs[column];
+    [output.name.clone(), output.unit.clone()]
+}
+
+fn of_run(evaluated: &Evaluated, column: usize, run: usize, title: String) -> Strip {
+    let rows: Vec<[f64; 3]> = evaluated.rows(run, column).map(|row| [row.time, row.label, row.prediction]).collect();
+    let error = percent(evaluated.run_errors()[run]);
+    Strip {
+        title,
+        about: format!("run {run}, RMS error {error} of the range: {}", values(evaluated, run)),
+        ends: [rows.first(), rows.last()].map(|row| row.map_or(String::new(), |row| format!("{} s", number(row[0])))),
+        bound: rows.iter().map(|row| evaluated.bound(column, row[0])).collect(),
+        quantity: quantity(evaluated, column),
+        rows,
+    }
+}
+
+fn of_rows(evaluated: &Evaluated, column: usize, [median, worst]: [usize; 2]) -> Strip {
+    let rows = (0..evaluated.test.runs.len()).filter_map(|run| evaluated.rows(run, column).next());
+    let mut rows: Vec<[f64; 3]> = rows.map(|row| [0.0, row.label, row.prediction]).collect();
     rows.sort_by(|a, b| a[1].total_cmp(&b[1]));
     (0u32..).zip(&mut rows).for_each(|(rank, row)| row[0] = f64::from(rank));
-    let share = |run: usize| percent(evaluated.run_errors()[run]);
+    let [worst_error, median_error] = [worst, median].map(|run| percent(evaluated.run_errors()[run]));
     Strip {
         title: format!("{} rows by rising truth", count(rows.len())),
         about: format!(
-            "worst row {}, off by {} of the range: {}; median row off by {}",
+            "worst row {}, off by {worst_error} of the range: {}; median row off by {median_error}",
             worst + 1,
-            share(worst),
-            values(evaluated, worst),
-            share(median)
+            values(evaluated, worst)
         ),
-        quantity,
+        quantity: quantity(evaluated, column),
         ends: ["smallest".into(), "largest".into()],
         bound: rows.iter().map(|_| evaluated.bound(column, 0.0)).collect(),
         rows,
@@ -225,11 +224,11 @@ fn mechanism(material: &Material) -> Option<String> {
     let columns: Vec<Vec<_>> = (0..evaluated.outputs()).map(|column| evaluated.rows(run, column).collect()).collect();
     let times = &evaluated.test.runs[run].times;
     let first = times.len() - columns.first()?.len();
-    let error = |row: usize| {
+    let errors = (0..columns[0].len()).map(|row| {
         let errors = columns.iter().enumerate().map(|(column, rows)| rows[row].error().abs() / evaluated.range(column));
         errors.fold(0.0, f64::max)
-    };
-    let worst = (0..columns[0].len()).max_by(|&a, &b| error(a).total_cmp(&error(b)))?;
+    });
+    let (worst, _) = errors.enumerate().max_by(|(_, a), (_, b)| a.total_cmp(b))?;
     picture(material.mechanism.as_ref()?, times, first + worst)
 }
 

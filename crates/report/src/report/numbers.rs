@@ -241,28 +241,30 @@ impl<'a> Evaluated<'a> {
         let instants: Vec<f64> = evenly(times.len(), SENSITIVITY_TIMES).iter().map(|&row| times[row]).collect();
         let evaluator = Evaluator::new(self.surrogate);
         let parameters = self.test.parameters.len();
-        let of = |output: usize| {
-            let mut evaluator = evaluator.clone();
-            let (mut gradient, mut weights) =
-                (vec![0.0; self.surrogate.inputs().len()], vec![0.0; self.surrogate.outputs().len()]);
-            weights[output] = 1.0;
-            let mut over_time = vec![vec![0.0; instants.len()]; parameters];
-            for &run in &runs {
-                let mut point = InputPoint::of(&self.test.runs[run], self.surrogate.time_column().is_some());
-                for (instant, &time) in instants.iter().enumerate() {
-                    evaluator.adjoint(point.at(time), &weights, &mut gradient);
-                    for (sums, derivative) in over_time.iter_mut().zip(&gradient) {
-                        sums[instant] += derivative.abs();
+        (0..self.outputs())
+            .into_par_iter()
+            .map(|output| {
+                let mut evaluator = evaluator.clone();
+                let (mut gradient, mut weights) =
+                    (vec![0.0; self.surrogate.inputs().len()], vec![0.0; self.surrogate.outputs().len()]);
+                weights[output] = 1.0;
+                let mut over_time = vec![vec![0.0; instants.len()]; parameters];
+                for &run in &runs {
+                    let mut point = InputPoint::of(&self.test.runs[run], self.surrogate.time_column().is_some());
+                    for (instant, &time) in instants.iter().enumerate() {
+                        evaluator.adjoint(point.at(time), &weights, &mut gradient);
+                        for (sums, derivative) in over_time.iter_mut().zip(&gradient) {
+                            sums[instant] += derivative.abs();
+                        }
                     }
                 }
-            }
-            for (sums, input) in over_time.iter_mut().zip(self.surrogate.inputs()) {
-                sums.iter_mut().for_each(|sum| *sum *= (input.max - input.min) / runs.len() as f64);
-            }
-            let mean = over_time.iter().map(|values| values.iter().sum::<f64>() / values.len() as f64).collect();
-            Sensitivity { times: instants.clone(), over_time, mean }
-        };
-        (0..self.outputs()).into_par_iter().map(of).collect()
+                for (sums, input) in over_time.iter_mut().zip(self.surrogate.inputs()) {
+                    sums.iter_mut().for_each(|sum| *sum *= (input.max - input.min) / runs.len() as f64);
+                }
+                let mean = over_time.iter().map(|values| values.iter().sum::<f64>() / values.len() as f64).collect();
+                Sensitivity { times: instants.clone(), over_time, mean }
+            })
+            .collect()
     }
 }
 

@@ -27,15 +27,17 @@ pub fn time_series_svg(title: &str, times: &[f64], curves: &[Curve]) -> Result<S
     let (Some(&start), Some(&stop), false) = (times.first(), times.last(), curves.is_empty()) else {
         return Err(PlotError::Empty);
     };
-    let chart = |Curve { name, unit, values }: &Curve| Chart {
-        x: Axis::exact("time", "s", start, stop),
-        y: Axis::linear(name, unit, values.iter().copied()),
-        series: vec![ChartSeries::silent(
-            Ink::Blue,
-            Shape::Line(times.iter().zip(values).map(|(&t, &y)| [t, y]).collect()),
-        )],
-    };
-    let charts: Vec<Chart> = curves.iter().map(chart).collect();
+    let charts: Vec<Chart> = curves
+        .iter()
+        .map(|Curve { name, unit, values }| Chart {
+            x: Axis::exact("time", "s", start, stop),
+            y: Axis::linear(name, unit, values.iter().copied()),
+            series: vec![ChartSeries::silent(
+                Ink::Blue,
+                Shape::Line(times.iter().zip(values).map(|(&t, &y)| [t, y]).collect()),
+            )],
+        })
+        .collect();
     stack(title, &charts, HEIGHT)
 }
 
@@ -50,15 +52,18 @@ pub fn two_runs_svg(title: &str, names: [&str; 2], runs: [(&[f64], &[Curve]); 2]
     };
     let line =
         |times: &[f64], curve: &Curve| Shape::Line(times.iter().zip(&curve.values).map(|(&t, &y)| [t, y]).collect());
-    let chart = |(curve, other): (&Curve, &Curve)| Chart {
-        x: Axis::exact("time", "s", start, stop),
-        y: Axis::linear(&curve.name, &curve.unit, curve.values.iter().chain(&other.values).copied()),
-        series: vec![
-            ChartSeries::named(names[0], Ink::Blue, line(times, curve)),
-            ChartSeries::named(names[1], Ink::Vermilion, line(other_times, other)),
-        ],
-    };
-    let charts: Vec<Chart> = curves.iter().zip(other_curves).map(chart).collect();
+    let charts: Vec<Chart> = curves
+        .iter()
+        .zip(other_curves)
+        .map(|(curve, other)| Chart {
+            x: Axis::exact("time", "s", start, stop),
+            y: Axis::linear(&curve.name, &curve.unit, curve.values.iter().chain(&other.values).copied()),
+            series: vec![
+                ChartSeries::named(names[0], Ink::Blue, line(times, curve)),
+                ChartSeries::named(names[1], Ink::Vermilion, line(other_times, other)),
+            ],
+        })
+        .collect();
     stack(title, &charts, HEIGHT)
 }
 

@@ -34,40 +34,24 @@ impl Strip {
     /// HTML of the chart; none if there are no finite rows.
     pub fn html(&self) -> Option<String> {
         let Self { title, about, quantity: [name, unit], ends: [begin, end], rows, bound } = self;
-        let residual = |[_, truth, prediction]: &[f64; 3]| prediction - truth;
-        let finite = |value: &f64| value.is_finite();
         let (left, right) = extent(rows.iter().map(|row| row[0]))?;
-        let values = extent(rows.iter().flat_map(|row| [row[1], row[2]]).filter(finite))?;
-        let largest = rows.iter().map(residual).filter(finite).fold(0.0, |largest: f64, r| largest.max(r.abs()));
-        let widest = bound.iter().flatten().copied().filter(finite).fold(0.0, f64::max);
+        let values = extent(rows.iter().flat_map(|row| [row[1], row[2]]).filter(|value| value.is_finite()))?;
+        let errors = rows.iter().map(residual).filter(|error| error.is_finite());
+        let largest = errors.fold(0.0, |largest: f64, error| largest.max(error.abs()));
+        let widest = bound.iter().flatten().copied().filter(|bound| bound.is_finite()).fold(0.0, f64::max);
         // a bound far beyond the errors would flatten them
         let reach = if widest > 0.0 { largest.max(widest.min(2.0 * largest)) } else { largest };
         let reach = if reach > 0.0 { reach } else { 1.0 };
-        let x = |x: f64| if right > left { SIDE * (x - left) / (right - left) } else { 0.5 * SIDE };
         let (low, high) = if values.1 > values.0 { values } else { (values.0 - 0.5, values.1 + 0.5) };
-        let value = |y: f64| SIDE * (high - y) / (high - low);
-        let error = |y: f64| (0.5 * SIDE * (1.0 - y / reach)).clamp(0.0, SIDE);
-        let line = |class: &str, of: &dyn Fn(&[f64; 3]) -> f64, y: &dyn Fn(f64) -> f64| {
-            let points: Vec<[f64; 2]> = rows.iter().map(|row| [row[0], of(row)]).collect();
-            let pieces = thin(&points);
-            let pieces = pieces.split(|point| !point[1].is_finite()).filter(|piece| !piece.is_empty());
-            pieces.map(|piece| polyline(class, piece.iter().map(|&[at, v]| [x(at), y(v)]))).collect::<String>()
-        };
-        let band = bound.as_ref().map_or(String::new(), |bound| {
-            let bounds: Vec<[f64; 2]> = rows.iter().zip(bound).map(|(row, bound)| [row[0], *bound]).collect();
-            let side = |sign: f64| thin(&bounds).into_iter().map(move |[at, bound]| [x(at), error(sign * bound)]);
-            let back: Vec<[f64; 2]> = side(-1.0).collect();
-            let points = coordinates(side(1.0).chain(back.into_iter().rev()));
-            format!("<polygon class=\"band\" points=\"{points}\"/>")
-        });
-        let picture = |class: &str, content: &str| {
-            format!(
-                "<svg class=\"{class}\" viewBox=\"0 0 1000 1000\" preserveAspectRatio=\"none\" aria-hidden=\"true\">{content}</svg>"
-            )
-        };
-        let curves = line("truth", &|row| row[1], &value) + &line("prediction", &|row| row[2], &value);
+        let scales = StripScales { left, right, low, high, reach };
+        let truth = rows.iter().map(|row| [row[0], row[1]]).collect();
+        let prediction = rows.iter().map(|row| [row[0], row[2]]).collect();
+        let residuals = rows.iter().map(|row| [row[0], residual(row)]).collect();
+        let curves = line("truth", truth, |[x, y]| [scales.x(x), scales.value(y)])
+            + &line("prediction", prediction, |[x, y]| [scales.x(x), scales.value(y)]);
+        let band = bound.as_ref().map_or(String::new(), |bound| scales.band(rows, bound));
         let zero = polyline("zero", [[0.0, 0.5 * SIDE], [SIDE, 0.5 * SIDE]]);
-        let errors = band + &zero + &line("residual", &residual, &error);
+        let errors = band + &zero + &line("residual", residuals, |[x, y]| [scales.x(x), scales.error(y)]);
         let (unit, name) = (escape(unit), escape(name));
         let unit = if unit.is_empty() { unit } else { format!(" <i>{unit}</i>") };
         let label = format!("{title}: {name}, largest error {}", short(largest));
@@ -80,14 +64,65 @@ impl Strip {
             escape(about),
             short(high),
             short(low),
-            picture("value", &curves),
+            stretched_svg("value", &curves),
             brief(reach),
             brief(reach),
-            picture("error", &errors),
+            stretched_svg("error", &errors),
             escape(begin),
             escape(end),
         ))
     }
+}
+
+/// Ends of the axes of both charts of a strip.
+struct StripScales {
+    left: f64,
+    right: f64,
+    low: f64,
+    high: f64,
+    /// Largest error that is shown.
+    reach: f64,
+}
+
+impl StripScales {
+    fn x(&self, x: f64) -> f64 {
+        if self.right > self.left { SIDE * (x - self.left) / (self.right - self.left) } else { 0.5 * SIDE }
+    }
+
+    fn value(&self, y: f64) -> f64 {
+        SIDE * (self.high - y) / (self.high - self.low)
+    }
+
+    fn error(&self, y: f64) -> f64 {
+        (0.5 * SIDE * (1.0 - y / self.reach)).clamp(0.0, SIDE)
+    }
+
+    /// The band that errors are expected in.
+    fn band(&self, rows: &[[f64; 3]], bound: &[f64]) -> String {
+        let bounds: Vec<[f64; 2]> = rows.iter().zip(bound).map(|(row, bound)| [row[0], *bound]).collect();
+        let bounds = thin(&bounds);
+        let above = bounds.iter().map(|[at, bound]| [self.x(*at), self.error(*bound)]);
+        let below = bounds.iter().rev().map(|[at, bound]| [self.x(*at), self.error(-bound)]);
+        format!("<polygon class=\"band\" points=\"{}\"/>", coordinates(above.chain(below)))
+    }
+}
+
+/// Prediction minus truth.
+fn residual([_, truth, prediction]: &[f64; 3]) -> f64 {
+    prediction - truth
+}
+
+/// The parts of a curve that are finite.
+fn line(class: &str, points: Vec<[f64; 2]>, place: impl Fn([f64; 2]) -> [f64; 2]) -> String {
+    let points = thin(&points);
+    let pieces = points.split(|point| !point[1].is_finite()).filter(|piece| !piece.is_empty());
+    pieces.map(|piece| polyline(class, piece.iter().map(|point| place(*point)))).collect()
+}
+
+fn stretched_svg(class: &str, content: &str) -> String {
+    format!(
+        "<svg class=\"{class}\" viewBox=\"0 0 1000 1000\" preserveAspectRatio=\"none\" aria-hidden=\"true\">{content}</svg>"
+    )
 }
 
 /// Points of a polyline or polygon.

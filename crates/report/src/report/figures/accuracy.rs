@@ -28,18 +28,21 @@ pub fn section(evaluated: &Evaluated) -> Section {
 pub fn density_figure(evaluated: &Evaluated, column: usize, prefix: &str) -> Figure {
     let Density { low, high, counts } = evaluated.density(column);
     let (name, unit) = output(evaluated, column);
-    let edge = |cell: usize| low + (high - low) * cell as f64 / CELLS as f64;
+    let edges: Vec<f64> = (0..=CELLS).map(|cell| low + (high - low) * cell as f64 / CELLS as f64).collect();
     let most = counts.iter().copied().max().unwrap_or(1).max(2) as f64;
-    // neighbors of one shade become one rectangle
-    let shade = |count: u64| if count == 0 { 0 } else { 1 + (7.0 * (count as f64).ln() / most.ln()).round() as u32 };
     let mut cells = Vec::new();
     for (row, counts) in counts.chunks(CELLS).enumerate() {
+        let shades: Vec<u32> = counts
+            .iter()
+            .map(|&count| if count == 0 { 0 } else { 1 + (7.0 * (count as f64).ln() / most.ln()).round() as u32 })
+            .collect();
+        // neighbors of one shade become one rectangle
         let mut begin = 0;
-        while begin < CELLS {
-            let level = shade(counts[begin]);
-            let end = (begin..CELLS).find(|&cell| shade(counts[cell]) != level).unwrap_or(CELLS);
-            if level > 0 {
-                cells.push(([[edge(begin), edge(row)], [edge(end), edge(row + 1)]], f64::from(level) / 8.0));
+        for same in shades.chunk_by(|a, b| a == b) {
+            let end = begin + same.len();
+            if same[0] > 0 {
+                let corners = [[edges[begin], edges[row]], [edges[end], edges[row + 1]]];
+                cells.push((corners, f64::from(same[0]) / 8.0));
             }
             begin = end;
         }
@@ -63,11 +66,12 @@ pub fn density_figure(evaluated: &Evaluated, column: usize, prefix: &str) -> Fig
 fn histogram_figure(evaluated: &Evaluated, column: usize) -> Figure {
     let Histogram { reach, counts } = evaluated.histogram(column);
     let (name, unit) = output(evaluated, column);
-    let edge = |bin: usize| reach * (2.0 * bin as f64 / counts.len() as f64 - 1.0);
+    let edges: Vec<f64> =
+        (0..=counts.len()).map(|bin| reach * (2.0 * bin as f64 / counts.len() as f64 - 1.0)).collect();
     // bars begin at the axis, which has no zero
     let floor = 0.5;
     let filled = counts.iter().enumerate().filter(|(_, count)| **count > 0);
-    let bars = filled.map(|(bin, &count)| [[edge(bin), floor], [edge(bin + 1), count as f64]]).collect();
+    let bars = filled.map(|(bin, &count)| [[edges[bin], floor], [edges[bin + 1], count as f64]]).collect();
     let most = counts.iter().copied().max().unwrap_or(1) as f64;
     let mut y = Axis::log("rows", "", [1.0, most]);
     y.low = floor;

@@ -36,12 +36,8 @@ pub fn section(comparison: &Comparison, is_of_rows: bool) -> Section {
         ("memory", "memory of the fitted model", "kB", 1e-3, |row| row.memory_bytes.map(|bytes| bytes as f64)),
     ];
     let figures = figures.into_iter().filter_map(|(id, name, unit, scale, cost)| {
-        let cost = |row: &ModelRow| cost(row).map(|cost| scale * cost);
-        Some(Figure::new(
-            &format!("models-{id}"),
-            format!("Accuracy against {name}."),
-            scatter(models, name, unit, cost)?,
-        ))
+        let chart = scatter(models, name, unit, |row| cost(row).map(|cost| scale * cost))?;
+        Some(Figure::new(&format!("models-{id}"), format!("Accuracy against {name}."), chart))
     });
     blocks.push(ReportBlock::Figures(figures.collect()));
     blocks.extend(scores(models));
@@ -63,7 +59,6 @@ fn overview(models: &[ModelRow]) -> ReportBlock {
             exportable,
             ..
         } = row;
-        let or_none = |value: Option<String>| value.unwrap_or("-".into());
         let status = match status {
             ModelStatus::Fine => "",
             ModelStatus::Failed => "failed",
@@ -73,16 +68,20 @@ fn overview(models: &[ModelRow]) -> ReportBlock {
         let separator = if status.is_empty() || note.is_empty() { "" } else { ": " };
         vec![
             format!("<span class=\"whole\">{}. {}</span>", index + 1, code(model)),
-            or_none(misfit(row).map(number)),
-            or_none(predict_seconds_per_point.map(|seconds| format!("{}\u{a0}µs", number(1e6 * seconds)))),
-            or_none(fit_seconds.map(|seconds| format!("{}\u{a0}s", number(seconds)))),
-            or_none(memory_bytes.map(|bytes| format!("{}\u{a0}kB", number(bytes as f64 / 1e3)))),
+            or_dash(misfit(row).map(number)),
+            or_dash(predict_seconds_per_point.map(|seconds| format!("{}\u{a0}µs", number(1e6 * seconds)))),
+            or_dash(fit_seconds.map(|seconds| format!("{}\u{a0}s", number(seconds)))),
+            or_dash(memory_bytes.map(|bytes| format!("{}\u{a0}kB", number(bytes as f64 / 1e3)))),
             rows.to_string(),
             if *exportable { "yes" } else { "no" }.into(),
             format!("{status}{separator}{}", escape(note)),
         ]
     });
     table(&headings, rows)
+}
+
+fn or_dash(value: Option<String>) -> String {
+    value.unwrap_or("-".into())
 }
 
 /// R² of each output.
@@ -113,8 +112,9 @@ fn scatter(models: &[ModelRow], name: &str, unit: &str, cost: impl Fn(&ModelRow)
         return None;
     }
     // models are numbers on plates, which need room
-    let around = |axis: usize| places.iter().flat_map(move |(_, place)| [0.5 * place[axis], 2.0 * place[axis]]);
-    let (x, y) = (Axis::log(name, unit, around(0)), Axis::log("1 - R²", "", around(1)));
+    let [around_x, around_y] =
+        [0, 1].map(|axis| places.iter().flat_map(move |(_, place)| [0.5 * place[axis], 2.0 * place[axis]]));
+    let (x, y) = (Axis::log(name, unit, around_x), Axis::log("1 - R²", "", around_y));
     Some(Chart { x, y, series: vec![ChartSeries::silent(Ink::Blue, Shape::Numbered(places))] })
 }
 

@@ -61,9 +61,8 @@ impl Coverage {
             rows += within;
             runs += usize::from(within == evaluated.run_rows(run));
         }
-        let share = |part: usize, all: usize| part as f64 / all as f64;
         let over_time = evaluated.over_time(column);
-        Self { over_time, rows: share(rows, evaluated.accuracy.test_rows), runs: share(runs, count) }
+        Self { over_time, rows: rows as f64 / evaluated.accuracy.test_rows as f64, runs: runs as f64 / count as f64 }
     }
 }
 

@@ -49,16 +49,20 @@ fn over_time_figure(evaluated: &Evaluated, column: usize) -> Option<Figure> {
     let Binned { at, rms, largest, .. } = evaluated.over_time(column);
     // as over a parameter
     largest.iter().any(|&error| error > 0.0).then_some(())?;
-    let line = |values: &[f64]| Shape::Line(at.iter().zip(values).map(|(&t, &error)| [t, error]).collect());
     let chart = Chart {
         x: Axis::exact("time", "s", at[0], at[at.len() - 1]),
         y: Axis::log(&format!("error of {name}"), unit, rms.iter().chain(&largest).copied()),
         series: vec![
-            ChartSeries::named("largest", Ink::Vermilion, line(&largest)),
-            ChartSeries::named("root mean square", Ink::Blue, line(&rms)),
+            ChartSeries::named("largest", Ink::Vermilion, line(&at, &largest)),
+            ChartSeries::named("root mean square", Ink::Blue, line(&at, &rms)),
         ],
     };
     Some(Figure::new(&format!("error-time-{name}"), format!("{name}: error over time."), chart))
+}
+
+/// Values over other values.
+fn line(at: &[f64], values: &[f64]) -> Shape {
+    Shape::Line(at.iter().zip(values).map(|(&t, &error)| [t, error]).collect())
 }
 
 /// Errors of several outputs in one chart, relative to their ranges.
@@ -79,13 +83,13 @@ fn over_parameters(evaluated: &Evaluated) -> Vec<Figure> {
 }
 
 fn relative(evaluated: &Evaluated, errors: &[Binned], name: &str, unit: &str, id: &str) -> Vec<Figure> {
-    let figure = |(part, columns): (usize, &[(usize, &Binned)])| {
+    let numbered: Vec<(usize, &Binned)> = errors.iter().enumerate().collect();
+    let mut figures = Vec::new();
+    for (part, columns) in numbered.chunks(LINES).enumerate() {
         let series = lines(columns.iter().map(|(column, binned)| {
             let relative = binned.rms.iter().map(|rms| rms / evaluated.range(*column));
-            (
-                output(evaluated, *column).0.to_owned(),
-                binned.at.iter().zip(relative).map(|(&at, rms)| [at, rms]).collect(),
-            )
+            let points = binned.at.iter().zip(relative).map(|(&at, rms)| [at, rms]).collect();
+            (output(evaluated, *column).0.to_owned(), points)
         }));
         let points: Vec<[f64; 2]> = series
             .iter()
@@ -96,7 +100,7 @@ fn relative(evaluated: &Evaluated, errors: &[Binned], name: &str, unit: &str, id
             .collect();
         // errors of zero have no place on a logarithmic axis
         if !points.iter().any(|point| point[1] > 0.0) {
-            return None;
+            continue;
         }
         let x: Vec<f64> = points.iter().map(|point| point[0]).collect();
         let (low, high) = super::super::axis::extent(x).unwrap_or((0.0, 1.0));
@@ -106,10 +110,9 @@ fn relative(evaluated: &Evaluated, errors: &[Binned], name: &str, unit: &str, id
             series,
         };
         let suffix = if part == 0 { String::new() } else { format!("-{}", part + 1) };
-        Some(Figure::new(&format!("{id}-relative{suffix}"), format!("Relative errors over {name}."), chart))
-    };
-    let numbered: Vec<(usize, &Binned)> = errors.iter().enumerate().collect();
-    numbered.chunks(LINES).enumerate().filter_map(figure).collect()
+        figures.push(Figure::new(&format!("{id}-relative{suffix}"), format!("Relative errors over {name}."), chart));
+    }
+    figures
 }
 
 /// `rows` of `unseen rows`.
@@ -129,19 +132,12 @@ fn worst_runs(evaluated: &Evaluated) -> Vec<ReportBlock> {
     let pairs: Vec<(usize, usize)> = (varying.iter().enumerate())
         .flat_map(|(index, &a)| varying[index + 1..].iter().map(move |&b| (a, b)))
         .collect();
-    let value = |run: usize, column: usize| evaluated.test.runs[run].parameters[column];
-    let axis = |column: usize| {
-        let (name, unit) = parameter(evaluated, column);
-        let input = &evaluated.surrogate.inputs()[column];
-        Axis::linear(name, unit, [input.min, input.max])
-    };
-    let chart = |x: Axis, y: Axis, place: &dyn Fn(usize) -> [f64; 2]| {
-        let points = |runs: &[usize]| runs.iter().map(|&run| place(run)).collect::<Vec<_>>();
-        let series = vec![
-            ChartSeries::named(format!("other {tests}"), Ink::Grey, Shape::Circles(points(&good))),
-            ChartSeries::named(format!("worst {what}"), Ink::Vermilion, Shape::Triangles(points(&bad_shown))),
-        ];
-        Chart { x, y, series }
+    let series_at = |place: &dyn Fn(usize) -> [f64; 2]| {
+        let [others, worst] = [&good, &bad_shown].map(|runs| runs.iter().map(|&run| place(run)).collect());
+        vec![
+            ChartSeries::named(format!("other {tests}"), Ink::Grey, Shape::Circles(others)),
+            ChartSeries::named(format!("worst {what}"), Ink::Vermilion, Shape::Triangles(worst)),
+        ]
     };
     let mut text = format!("The {} {what} with the largest errors, a twentieth of all.", bad.len());
     if bad_shown.len() + good.len() < order.len() {
@@ -156,13 +152,15 @@ fn worst_runs(evaluated: &Evaluated) -> Vec<ReportBlock> {
             let errors = evaluated.run_errors();
             let y = Axis::log("RMS error / range", "", errors.iter().copied());
             let name = parameter(evaluated, column).0;
-            let chart = chart(axis(column), y, &|run| [value(run, column), errors[run]]);
+            let series = series_at(&|run| [evaluated.test.runs[run].parameters[column], errors[run]]);
+            let chart = Chart { x: parameter_axis(evaluated, column), y, series };
             Figure::new(&format!("worst-{name}"), format!("Errors of the {what} over {name}."), chart)
         })
         .collect();
     figures.extend(pairs.into_iter().take(PAIRS).map(|(a, b)| {
         let (a_name, b_name) = (parameter(evaluated, a).0, parameter(evaluated, b).0);
-        let chart = chart(axis(a), axis(b), &|run| [value(run, a), value(run, b)]);
+        let series = series_at(&|run| [a, b].map(|column| evaluated.test.runs[run].parameters[column]));
+        let chart = Chart { x: parameter_axis(evaluated, a), y: parameter_axis(evaluated, b), series };
         Figure::new(
             &format!("worst-{a_name}-{b_name}"),
             format!("{} over {a_name} and {b_name}.", if evaluated.is_of_rows() { "Rows" } else { "Runs" }),
@@ -170,6 +168,13 @@ fn worst_runs(evaluated: &Evaluated) -> Vec<ReportBlock> {
         )
     }));
     vec![paragraph(&text), ReportBlock::Figures(figures)]
+}
+
+/// Axis over the range of a parameter.
+fn parameter_axis(evaluated: &Evaluated, column: usize) -> Axis {
+    let (name, unit) = parameter(evaluated, column);
+    let input = &evaluated.surrogate.inputs()[column];
+    Axis::linear(name, unit, [input.min, input.max])
 }
 
 #[cfg(test)]

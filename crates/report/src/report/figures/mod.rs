@@ -158,12 +158,16 @@ fn lines(of: impl IntoIterator<Item = (String, Vec<[f64; 2]>)>) -> Vec<ChartSeri
 fn table(headings: &[&str], rows: impl IntoIterator<Item = Vec<String>>) -> ReportBlock {
     let heading: String = headings.iter().map(|heading| format!("<th>{heading}</th>")).collect();
     // on a phone cells are below each other, each beside its heading
-    let row = |cells: Vec<String>| {
-        let cells =
-            headings.iter().zip(&cells).map(|(heading, cell)| format!("<td data-heading=\"{heading}\">{cell}</td>"));
-        format!("<tr>{}</tr>\n", cells.collect::<String>())
-    };
-    let rows: String = rows.into_iter().map(row).collect();
+    let rows: String = rows
+        .into_iter()
+        .map(|cells| {
+            let cells = headings
+                .iter()
+                .zip(&cells)
+                .map(|(heading, cell)| format!("<td data-heading=\"{heading}\">{cell}</td>"));
+            format!("<tr>{}</tr>\n", cells.collect::<String>())
+        })
+        .collect();
     ReportBlock::Html(format!("<table class=\"wide\">\n<tr>{heading}</tr>\n{rows}</table>"))
 }
 

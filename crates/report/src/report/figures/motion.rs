@@ -35,15 +35,17 @@ pub fn section(material: &Material) -> Option<Section> {
 /// Pairs of outputs of which the second is the rate of the first, by their units and by differences of a run.
 fn pairs(evaluated: &Evaluated, run: usize) -> Vec<(usize, usize)> {
     let units: Vec<&str> = (0..evaluated.outputs()).map(|column| output(evaluated, column).1).collect();
-    let rate_of = |quantity: usize| {
-        let rate = format!("{}/s", units[quantity]);
-        let candidates = (0..units.len()).filter(|&column| units[column] == rate);
-        let fits = candidates.map(|column| (column, misfit(evaluated, run, quantity, column)));
-        fits.filter(|(_, misfit)| *misfit < 0.1)
-            .min_by(|a, b| a.1.total_cmp(&b.1))
-            .map(|(column, _)| (quantity, column))
-    };
-    (0..units.len()).filter(|&column| !units[column].contains('/')).filter_map(rate_of).collect()
+    let quantities = (0..units.len()).filter(|&column| !units[column].contains('/'));
+    quantities
+        .filter_map(|quantity| {
+            let rate = format!("{}/s", units[quantity]);
+            let candidates = (0..units.len()).filter(|&column| units[column] == rate);
+            let fits = candidates.map(|column| (column, misfit(evaluated, run, quantity, column)));
+            fits.filter(|(_, misfit)| *misfit < 0.1)
+                .min_by(|a, b| a.1.total_cmp(&b.1))
+                .map(|(column, _)| (quantity, column))
+        })
+        .collect()
 }
 
 /// Mean squared difference of the differences of one output and another one, relative to the latter's spread.
@@ -64,28 +66,38 @@ fn phase(evaluated: &Evaluated, what: &str, run: usize, (quantity, rate): (usize
     let ((name, unit), (rate_name, rate_unit)) = (output(evaluated, quantity), output(evaluated, rate));
     let (x_truth, x_prediction) = curves(evaluated, run, quantity);
     let (y_truth, y_prediction) = curves(evaluated, run, rate);
-    let join = |x: Vec<[f64; 2]>, y: Vec<[f64; 2]>| x.iter().zip(&y).map(|(x, y)| [x[1], y[1]]).collect::<Vec<_>>();
-    let chart = plane([join(x_truth, y_truth), join(x_prediction, y_prediction)], [name, rate_name], [unit, rate_unit]);
+    let chart =
+        plane([joined(&x_truth, &y_truth), joined(&x_prediction, &y_prediction)], [name, rate_name], [unit, rate_unit]);
     let caption = format!("{rate_name} over {name}, {what} case: {}.", case(evaluated, run));
     Figure::new(&format!("phase-{what}-{name}"), caption, chart)
+}
+
+/// A curve over another one.
+fn joined(x: &[[f64; 2]], y: &[[f64; 2]]) -> Vec<[f64; 2]> {
+    x.iter().zip(y).map(|(x, y)| [x[1], y[1]]).collect()
 }
 
 fn path(evaluated: &Evaluated, what: &str, run: usize, point: &MovingPoint) -> Figure {
     let parameters = &evaluated.test.runs[run].parameters;
     let columns: Vec<Vec<_>> = (0..evaluated.outputs()).map(|column| evaluated.rows(run, column).collect()).collect();
-    let places = |value: fn(&super::super::numbers::TestRow) -> f64| {
-        let row = |index: usize| columns.iter().map(|column| value(&column[index])).collect::<Vec<f64>>();
-        (0..columns[0].len()).map(|index| point.position(parameters, &row(index))).collect::<Vec<_>>()
-    };
-    let chart = plane([places(|row| row.label), places(|row| row.prediction)], ["x", "y"], ["m", "m"]).equal_scales();
+    let (mut truth, mut prediction) = (Vec::new(), Vec::new());
+    for index in 0..columns[0].len() {
+        let labels: Vec<f64> = columns.iter().map(|column| column[index].label).collect();
+        let predictions: Vec<f64> = columns.iter().map(|column| column[index].prediction).collect();
+        truth.push(point.position(parameters, &labels));
+        prediction.push(point.position(parameters, &predictions));
+    }
+    let chart = plane([truth, prediction], ["x", "y"], ["m", "m"]).equal_scales();
     let name = &point.name;
     Figure::new(&format!("path-{what}-{name}"), format!("{name}, {what} case: {}.", case(evaluated, run)), chart)
 }
 
 /// Truth and prediction as curves in a plane.
 fn plane(curves: [Vec<[f64; 2]>; 2], names: [&str; 2], units: [&str; 2]) -> Chart {
-    let values = |axis: usize| curves.iter().flatten().map(|point| point[axis]).collect::<Vec<f64>>();
-    let (x, y) = (Axis::linear(names[0], units[0], values(0)), Axis::linear(names[1], units[1], values(1)));
+    let [x, y] = [0, 1].map(|axis| {
+        let values = curves.iter().flatten().map(|point| point[axis]);
+        Axis::linear(names[axis], units[axis], values)
+    });
     let [truth, prediction] = curves;
     let series = vec![
         ChartSeries::named("truth", Ink::Black, Shape::Line(truth)),

@@ -44,14 +44,12 @@ fn overview(evaluated: &Evaluated, sensitivities: &[Sensitivity]) -> ReportBlock
         sensitivities.iter().enumerate().map(|(column, sensitivity)| {
             let (name, output_unit) = output(evaluated, column);
             let sum = sensitivity.mean.iter().sum::<f64>().max(f64::MIN_POSITIVE);
-            let cell = |value: &f64| {
+            let cells = varying.iter().map(|&column| {
+                let value = sensitivity.mean[column];
                 let share = 100.0 * value / sum;
-                format!("{}<div class=\"bar\"><i style=\"width:{share:.0}%\"></i></div>", number(*value))
-            };
-            [code(name), unit(output_unit)]
-                .into_iter()
-                .chain(varying.iter().map(|&column| cell(&sensitivity.mean[column])))
-                .collect()
+                format!("{}<div class=\"bar\"><i style=\"width:{share:.0}%\"></i></div>", number(value))
+            });
+            [code(name), unit(output_unit)].into_iter().chain(cells).collect()
         }),
     )
 }
@@ -61,22 +59,21 @@ fn over_time(evaluated: &Evaluated, column: usize, sensitivity: &Sensitivity) ->
     let parameters = varying(evaluated).into_iter().map(|column| (column, &sensitivity.over_time[column]));
     let parameters: Vec<(usize, &Vec<f64>)> = parameters.collect();
     let times = &sensitivity.times;
-    let figure = |(part, parameters): (usize, &[(usize, &Vec<f64>)])| {
-        let line = |values: &[f64]| times.iter().zip(values).map(|(&t, &value)| [t, value]).collect::<Vec<_>>();
+    let mut figures = Vec::new();
+    for (part, parameters) in parameters.chunks(LINES).enumerate() {
         let values: Vec<f64> = parameters.iter().flat_map(|(_, values)| values.iter().copied()).collect();
-        let series =
-            lines(parameters.iter().map(|(index, values)| (parameter(evaluated, *index).0.to_owned(), line(values))));
+        let series = lines(parameters.iter().map(|(index, values)| {
+            let points = times.iter().zip(*values).map(|(&t, &value)| [t, value]).collect();
+            (parameter(evaluated, *index).0.to_owned(), points)
+        }));
         let chart = Chart {
             x: Axis::exact("time", "s", times[0], times[times.len() - 1]),
             y: Axis::linear(&format!("change of {name}"), unit, values.into_iter().chain([0.0])),
             series,
         };
         let suffix = if part == 0 { String::new() } else { format!("-{}", part + 1) };
-        Figure::new(
-            &format!("sensitivity-{name}{suffix}"),
-            format!("{name}: sensitivity to each parameter over time."),
-            chart,
-        )
-    };
-    parameters.chunks(LINES).enumerate().map(figure).collect()
+        let caption = format!("{name}: sensitivity to each parameter over time.");
+        figures.push(Figure::new(&format!("sensitivity-{name}{suffix}"), caption, chart));
+    }
+    figures
 }

@@ -8,7 +8,7 @@ use crate::{
     study::NetworkOptions,
     surrogate::input_description,
 };
-use metafmu_runtime::{Clock, Graph, Output, Role, ScaledNetwork, graph::Step};
+use metafmu_runtime::{Clock, Graph, Role, ScaledNetwork, graph::Step};
 
 /// One sentence on the surrogate: its kind, its outputs, and their origin.
 pub fn sentence(material: &Material) -> String {
@@ -110,8 +110,10 @@ pub fn summary(material: &Material) -> Section {
         (&input.name, kind, input.min, input.max, &input.unit, input_description(input, evaluated.surrogate))
     });
     let outputs = evaluated.surrogate.outputs().iter();
-    let kind = |output: &Output| if output.constant().is_some() { "output, constant" } else { "output" };
-    let outputs = outputs.map(|o| (&o.name, kind(o), o.min, o.max, &o.unit, o.description.clone()));
+    let outputs = outputs.map(|o| {
+        let kind = if o.constant().is_some() { "output, constant" } else { "output" };
+        (&o.name, kind, o.min, o.max, &o.unit, o.description.clone())
+    });
     let rows = inputs.chain(outputs).map(|(name, kind, min, max, u, description)| {
         vec![code(name), kind.into(), number(min), number(max), unit(u), escape(&description)]
     });

@@ -8,24 +8,21 @@ pub fn section(material: &Material) -> Option<Section> {
     let (first, last) = (history.first()?, history.last()?);
     let best = history.iter().min_by(|a, b| a.validation_loss.total_cmp(&b.validation_loss))?;
     let epochs = Axis::whole("epoch", [first.epoch as f64, last.epoch as f64]);
-    let line = |value: fn(&EpochRecord) -> f64| {
-        history.iter().map(|epoch| [epoch.epoch as f64, value(epoch)]).collect::<Vec<_>>()
-    };
     let losses = Axis::log("loss", "", history.iter().flat_map(|epoch| [epoch.train_loss, epoch.validation_loss]));
     let place = [best.epoch as f64, best.validation_loss];
     let loss = Chart {
         x: epochs.clone(),
         y: losses,
         series: vec![
-            ChartSeries::named("training rows", Ink::Blue, Shape::Line(line(|epoch| epoch.train_loss))),
-            ChartSeries::named("held-out rows", Ink::Vermilion, Shape::Line(line(|epoch| epoch.validation_loss))),
+            ChartSeries::named("training rows", Ink::Blue, over_epochs(history, |epoch| epoch.train_loss)),
+            ChartSeries::named("held-out rows", Ink::Vermilion, over_epochs(history, |epoch| epoch.validation_loss)),
             ChartSeries::named("best epoch", Ink::Black, Shape::Triangles(vec![place])),
         ],
     };
     let rate = Chart {
         x: epochs,
         y: Axis::linear("learning rate", "", history.iter().map(|epoch| epoch.learning_rate).chain([0.0])),
-        series: vec![ChartSeries::silent(Ink::Blue, Shape::Line(line(|epoch| epoch.learning_rate)))],
+        series: vec![ChartSeries::silent(Ink::Blue, over_epochs(history, |epoch| epoch.learning_rate))],
     };
     let text = match material.evaluated.surrogate.program().graph.instants() {
         None => format!(
@@ -48,4 +45,9 @@ pub fn section(material: &Material) -> Option<Section> {
         title: "Training".into(),
         blocks: vec![paragraph(&text), ReportBlock::Figures(figures)],
     })
+}
+
+/// A value of each epoch.
+fn over_epochs(history: &[EpochRecord], value: fn(&EpochRecord) -> f64) -> Shape {
+    Shape::Line(history.iter().map(|epoch| [epoch.epoch as f64, value(epoch)]).collect())
 }
