@@ -32,14 +32,16 @@ pub fn trials(options: &SearchOptions, seed: u64) -> Vec<Vec<Value>> {
         });
     }
     let mut random = sampling::random(seed, Stream::Search);
-    let mut draw = |space: &Space| {
-        let share: f64 = random.random();
-        match space {
-            Space::Values(values) => values[((share * values.len() as f64) as usize).min(values.len() - 1)].clone(),
-            Space::Range(range) => range.at(share),
-        }
-    };
-    (0..options.trials.unwrap_or(0)).map(|_| options.space.values().map(&mut draw).collect()).collect()
+    let trials = 0..options.trials.unwrap_or(0);
+    trials.map(|_| options.space.values().map(|space| value_at(space, random.random())).collect()).collect()
+}
+
+/// The value of a space at a share of it.
+fn value_at(space: &Space, share: f64) -> Value {
+    match space {
+        Space::Values(values) => values[((share * values.len() as f64) as usize).min(values.len() - 1)].clone(),
+        Space::Range(range) => range.at(share),
+    }
 }
 
 fn grid(space: &Space) -> Vec<Value> {
@@ -69,6 +71,13 @@ pub fn survivors(scores: &[(usize, Option<f64>)], reduction: usize) -> Vec<usize
     trials
 }
 
+/// A file beside the one at `path`, as an absolute path.
+fn absolute(path: &Path, file: &str) -> Result<String> {
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let absolute = std::path::absolute(folder.join(file)).map_err(Error::io(path, "resolve"))?;
+    Ok(absolute.to_string_lossy().into_owned())
+}
+
 /// Text of a study with other values. `[search]` is removed, and relative paths become absolute ones, so that the text
 /// may lie anywhere.
 ///
@@ -79,22 +88,17 @@ pub fn study_text(text: &str, path: &Path, keys: &[&str], values: &[Value]) -> R
     let mut root: toml::Table = text.parse().unwrap_or_default();
     root.remove("search");
     let folder = path.parent().unwrap_or(Path::new(""));
-    let make_absolute = |file: &mut String| {
-        let absolute = std::path::absolute(folder.join(&*file)).map_err(Error::io(path, "resolve"))?;
-        *file = absolute.to_string_lossy().into_owned();
-        Ok::<_, Error>(())
-    };
     let keys_of_files = ["mechanism", "fmu", "table", "index", "command", "files"].map(|key| ("source", key));
     for (section, key) in keys_of_files.into_iter().chain([("sampling", "file")]) {
         match root.get_mut(section).and_then(|section| section.get_mut(key)) {
-            Some(Value::String(file)) => make_absolute(file)?,
+            Some(Value::String(file)) => *file = absolute(path, file)?,
             Some(Value::Array(arguments)) => {
                 let files = arguments.iter_mut().filter_map(|argument| match argument {
                     Value::String(argument) if key == "files" || folder.join(&*argument).is_file() => Some(argument),
                     _ => None,
                 });
                 for file in files {
-                    make_absolute(file)?;
+                    *file = absolute(path, file)?;
                 }
             }
             _ => {}

@@ -9,7 +9,7 @@ use crate::{
     fmi::{
         ModelDescription, Watch,
         host::{Grid, RecordedColumn, RowSink, Unpacked},
-        model_description::{Causality, DefaultExperiment},
+        model_description::Causality,
         system::{
             ComponentSource, Connector, ConnectorKind, Experiment, FmuSystem, is_number, misfit, port,
             run::{Port, SystemRun},
@@ -256,11 +256,15 @@ impl Swap {
             let message = format!("{}: there are no steps to compare", self.system.path.display());
             return Err(Error::Worker { message });
         }
-        let difference = |(index, (output, unit)): (usize, &(String, String))| {
-            let values = [&source, &surrogate].map(|recorded| &recorded.values[index][..rows]);
-            Difference::of(output, unit.clone(), &source.times[..rows], values)
-        };
-        let differences: Vec<Difference> = self.outputs.iter().enumerate().map(difference).collect();
+        let differences: Vec<Difference> = self
+            .outputs
+            .iter()
+            .enumerate()
+            .map(|(index, (output, unit))| {
+                let values = [&source, &surrogate].map(|recorded| &recorded.values[index][..rows]);
+                Difference::of(output, unit.clone(), &source.times[..rows], values)
+            })
+            .collect();
         let timed = self.time(watch, &source, &differences)?;
         let watched = surrogate.values.get(self.outputs.len()).filter(|_| !self.with_surrogate.watched.is_empty());
         Ok(SwapComparison {
@@ -288,11 +292,10 @@ impl Swap {
 
 /// Fails if the surrogate lacks connectors of the component that are connected.
 fn refuse_misfits(system: &FmuSystem, replaced: usize, surrogate: &ComponentSource) -> Result<()> {
-    let connected = |connector: &&Connector| system.is_connected(replaced, &connector.name);
     let problems: Vec<String> = system.components[replaced]
         .connectors
         .iter()
-        .filter(connected)
+        .filter(|connector| system.is_connected(replaced, &connector.name))
         .filter_map(|connector| {
             let is_input = matches!(connector.kind, ConnectorKind::Input | ConnectorKind::Parameter);
             misfit(surrogate.description(), &connector.name, is_input)
@@ -364,13 +367,10 @@ fn experiment(
     surrogate: &ModelDescription,
     source: &ModelDescription,
 ) -> Result<Experiment> {
-    let suggested = |of: fn(DefaultExperiment) -> Option<f64>| {
-        let mut all = [surrogate, source].into_iter().filter_map(|description| description.default_experiment);
-        all.find_map(of)
-    };
+    let suggested = [surrogate, source].into_iter().filter_map(|description| description.default_experiment);
     let start = options.start.or(system.start).unwrap_or(0.0);
-    let stop = options.stop.or(system.stop).or_else(|| suggested(|experiment| experiment.stop));
-    let step = options.step.or_else(|| suggested(|experiment| experiment.step_size));
+    let stop = options.stop.or(system.stop).or_else(|| suggested.clone().find_map(|experiment| experiment.stop));
+    let step = options.step.or_else(|| suggested.clone().find_map(|experiment| experiment.step_size));
     let expected = match (stop, step) {
         (None, _) => "a stop time, which neither the system nor the FMUs have",
         (_, None) => "a step size, which neither FMU has",
@@ -424,16 +424,19 @@ impl RecordedRows {
 
 impl Difference {
     fn of(output: &str, unit: String, times: &[f64], [source, surrogate]: [&[f64]; 2]) -> Self {
-        let differences = || source.iter().zip(surrogate).map(|(one, other)| (one - other).abs());
-        let rms = (differences().map(|difference| difference * difference).sum::<f64>() / times.len() as f64).sqrt();
-        let first_largest =
-            |best: (f64, f64), (difference, &time)| if difference > best.0 { (difference, time) } else { best };
-        let (max, max_time) = differences().zip(times).fold((0.0, times[0]), first_largest);
+        let differences = source.iter().zip(surrogate).map(|(source, surrogate)| (source - surrogate).abs());
+        let squares = differences.clone().map(|difference| difference * difference);
+        let rms = (squares.sum::<f64>() / times.len() as f64).sqrt();
+        let (mut max, mut max_time) = (0.0, times[0]);
+        for (difference, time) in differences.zip(times) {
+            if difference > max {
+                (max, max_time) = (difference, *time);
+            }
+        }
         let ends = (f64::INFINITY, f64::NEG_INFINITY);
         let (low, high) = source.iter().fold(ends, |(low, high), value| (low.min(*value), high.max(*value)));
         let range = high - low;
-        let relative = |value: f64| (range > 0.0).then(|| value / range);
-        let (relative_rms, relative_max) = (relative(rms), relative(max));
+        let [relative_rms, relative_max] = [rms, max].map(|value| (range > 0.0).then(|| value / range));
         Self { output: output.to_owned(), unit, rms, max, max_time, range, relative_rms, relative_max }
     }
 }
@@ -454,14 +457,16 @@ impl fmt::Display for SwapComparison {
         writeln!(f, "{system}: {component} is {source}, and {surrogate} in its place; {steps} steps of {step} s\n")?;
         let headings = ["output", "unit", "RMS difference", "of the range", "largest difference", "of the range"];
         let mut rows = vec![headings.map(str::to_owned).to_vec()];
-        let share = |share: Option<f64>| match share.map(|share| 100.0 * share) {
-            None => "constant".into(),
-            Some(percent) if percent == 0.0 || percent >= 5e-4 => format!("{percent:.3} %"),
-            Some(percent) => format!("{percent:.1e} %"),
-        };
         for Difference { output, unit, rms, max, max_time, relative_rms, relative_max, .. } in &self.outputs {
             let (rms, max) = (format!("{rms:.3e}"), format!("{max:.3e} at {max_time:.6} s"));
-            rows.push(vec![output.clone(), unit.clone(), rms, share(*relative_rms), max, share(*relative_max)]);
+            rows.push(vec![
+                output.clone(),
+                unit.clone(),
+                rms,
+                percent_or_constant(*relative_rms),
+                max,
+                percent_or_constant(*relative_max),
+            ]);
         }
         f.write_str(&aligned(&rows))?;
         writeln!(f)?;
@@ -489,10 +494,19 @@ impl fmt::Display for SwapComparison {
     }
 }
 
+fn percent_or_constant(share: Option<f64>) -> String {
+    match share.map(|share| 100.0 * share) {
+        None => "constant".into(),
+        Some(percent) if percent == 0.0 || percent >= 5e-4 => format!("{percent:.3} %"),
+        Some(percent) => format!("{percent:.1e} %"),
+    }
+}
+
 /// Columns side by side: the first to the left, the others to the right.
 fn aligned(rows: &[Vec<String>]) -> String {
-    let width = |column: usize| rows.iter().map(|row| row[column].chars().count()).max().unwrap_or(0);
-    let widths: Vec<usize> = (0..rows[0].len()).map(width).collect();
+    let widths: Vec<usize> = (0..rows[0].len())
+        .map(|column| rows.iter().map(|row| row[column].chars().count()).max().unwrap_or(0))
+        .collect();
     let mut text = String::new();
     for row in rows {
         for (index, (cell, width)) in row.iter().zip(&widths).enumerate() {

@@ -93,16 +93,19 @@ pub fn assemble_with_states(
         encoding: Encoding::Plain,
     }));
     let ranges = ranges.iter().copied().chain(std::iter::repeat(None));
-    let is_output = |name: &str| study.outputs.contains_key(name);
-    let own_name = |state: &SourceVariable| match is_output(&state.name) {
-        // an FMU's state may be an output as well, which keeps the name
-        true => SourceVariable { name: format!("{}_state", state.name), ..state.clone() },
-        false => state.clone(),
-    };
     // a state without a range of validity has a usual one
     let usual = study.coordinates().map(|(_, state)| Some([state.min, state.max])).chain(std::iter::repeat(None));
     let states = driven.states().iter().zip(ranges).zip(usual);
-    metadata.states = states.map(|((state, range), usual)| of_state(own_name(state), range, range.or(usual))).collect();
+    metadata.states = states
+        .map(|((state, range), usual)| {
+            let mut state = state.clone();
+            // an FMU's state may be an output as well, which keeps the name
+            if study.outputs.contains_key(&state.name) {
+                state.name += "_state";
+            }
+            of_state(state, range, range.or(usual))
+        })
+        .collect();
     metadata.stop_time = Some(study.time.stop);
     finish(metadata, program)
 }
@@ -122,26 +125,13 @@ pub fn assemble_discrete(
     // the time is no input
     metadata.inputs.pop();
     let widths = [dataset.inputs.len(), dataset.outputs.len()];
-    let range = |values: &mut dyn Iterator<Item = f64>| {
-        values.fold((f64::INFINITY, f64::NEG_INFINITY), |(min, max), value| (min.min(value), max.max(value)))
-    };
-    let variable = |of: &SourceVariable, role, (min, max): (f64, f64), start: f64| Input {
-        name: of.name.clone(),
-        role,
-        unit: of.unit.clone(),
-        description: of.description.clone(),
-        min: min.min(start),
-        max: max.max(start),
-        start,
-        encoding: Encoding::Plain,
-    };
     let driven: Vec<Input> = (dataset.inputs.iter().zip(drives).enumerate())
         .map(|(column, (of, (start, [low, high])))| {
-            let (min, max) = range(
-                &mut dataset.runs.iter().flat_map(|run| run.inputs.iter().skip(column).step_by(widths[0])).copied(),
-            );
-            let known = |end: f64, found: f64| if end.is_finite() { end } else { found };
-            variable(of, Role::Input, (known(*low, min), known(*high, max)), *start)
+            let values = dataset.runs.iter().flat_map(|run| run.inputs.iter().skip(column).step_by(widths[0]));
+            let (min, max) =
+                values.fold((f64::INFINITY, f64::NEG_INFINITY), |(min, max), value| (min.min(*value), max.max(*value)));
+            let range = [if low.is_finite() { *low } else { min }, if high.is_finite() { *high } else { max }];
+            discrete_input(of, Role::Input, range, *start)
         })
         .collect();
     let before = &dataset.parameters[study.parameters.len()..];
@@ -151,16 +141,30 @@ pub fn assemble_discrete(
         let start = dataset.runs.first().map_or(0.0, |run| run.outputs[column]);
         let description = format!("{}; unless set, that of the first training run", of.description);
         let of = SourceVariable::new(&of.name, &of.unit, &description);
-        metadata.inputs.push(variable(&of, Role::Start, (output.min, output.max), start));
+        metadata.inputs.push(discrete_input(&of, Role::Start, [output.min, output.max], start));
     }
     // of a single past sample the inputs before the start do not count
     let counts = program.sampling().is_some_and(|sampling| sampling.history[1] > 1);
     for (of, input) in of_inputs.iter().zip(&driven).filter(|_| counts) {
-        metadata.inputs.push(variable(of, Role::Start, (input.min, input.max), input.start));
+        metadata.inputs.push(discrete_input(of, Role::Start, [input.min, input.max], input.start));
     }
     metadata.inputs.extend(driven);
     metadata.stop_time = Some(study.time.stop);
     finish(metadata, program)
+}
+
+/// An input with a range that includes its start.
+fn discrete_input(of: &SourceVariable, role: Role, [min, max]: [f64; 2], start: f64) -> Input {
+    Input {
+        name: of.name.clone(),
+        role,
+        unit: of.unit.clone(),
+        description: of.description.clone(),
+        min: min.min(start),
+        max: max.max(start),
+        start,
+        encoding: Encoding::Plain,
+    }
 }
 
 /// Unit of the derivative of what has a unit.

@@ -40,7 +40,6 @@ pub fn kinds(study: &Study, driven: Option<&Driven>) -> Kinds {
 fn with_kinds(study: &Study, driven: Option<&Driven>) -> Option<(Plan, Kinds)> {
     let driven = driven.filter(|driven| study.runs().have_memory && !driven.drivers().is_empty())?;
     let BoundsOptions { coverage, .. } = study.bounds?;
-    let varies = |options: &ParameterOptions| options.min < options.max || options.values.len() > 1;
     let parameters_vary = study.parameters.values().any(varies);
     let starts_vary = study.starts().values().any(varies);
     let many = (RESERVE * BoundsOptions::least_runs(coverage) as f64).ceil() as usize;
@@ -74,6 +73,11 @@ fn with_kinds(study: &Study, driven: Option<&Driven>) -> Option<(Plan, Kinds)> {
         kinds.insert(bits(point), kind);
     }
     Some((plan, Kinds(kinds)))
+}
+
+/// Returns true if a parameter has several values.
+fn varies(options: &ParameterOptions) -> bool {
+    options.min < options.max || options.values.len() > 1
 }
 
 #[cfg(test)]

@@ -125,21 +125,7 @@ impl Driven {
     /// # Errors
     /// Every name that the mechanism does not know, every unit that is not its own, every range that is empty, by dotted key.
     pub fn new(study: &Study, mechanism: &Mechanism, values: &[f64], names_are_known: bool) -> Result<Self, Problems> {
-        let mut problems = Problems::default();
-        let known: Vec<&str> = mechanism.inputs().keys().map(String::as_str).collect();
-        for name in study.inputs.keys().filter(|name| !known.contains(&name.as_str())) {
-            let message = format!("the mechanism has no input `{name}`, {}", expected_one_of(name, &known));
-            problems.add(format!("inputs.{name}"), message);
-        }
-        let mut drivers = Vec::new();
-        for (name, own) in mechanism.inputs() {
-            let variable = SourceVariable::new(name, &own.unit, &own.description);
-            let own = OwnInput { variable, range: [Some(own.min), Some(own.max)], start: Some(own.start) };
-            match DrivingInput::new(own, study) {
-                Ok(driver) => drivers.push(driver),
-                Err(more) => problems.extend(more),
-            }
-        }
+        let (drivers, mut problems) = drivers_of_mechanism(study, mechanism);
         // reported elsewhere, or for a section that is damaged
         if study.coordinates().count() == 0 || study.coordinates().any(|(name, _)| velocity_name(name).is_none()) {
             return Err(problems);
@@ -152,67 +138,17 @@ impl Driven {
             problems.add("states", format!("no `{name}`, expected every actuator state of the mechanism"));
         }
         let names: Vec<&str> = study.coordinates().map(|(name, _)| name.as_str()).collect();
-        let mut start = Vec::new();
-        let source = if study.source.mechanism.is_some() { "source.mechanism" } else { "source.system" };
-        match mechanism.check_positions(values, &names).map(|()| mechanism.reduced(values, &names)) {
-            Ok(Ok(reduced)) => {
-                start.extend(reduced.start().0.iter().chain(reduced.start().1));
-                let starts = reduced.model().actuator_starts();
-                start.extend(
-                    own.iter()
-                        .filter_map(|name| mechanism.actuator_states().get_index_of(*name))
-                        .map(|index| starts[index]),
-                );
+        let start = match start_of_mechanism(study, mechanism, values) {
+            Ok(start) => start,
+            Err(more) => {
+                problems.extend(more);
+                Vec::new()
             }
-            // problems of a part of the mechanism are reported with its line
-            Ok(Err(error)) if is_of_acting_part(&error) => {
-                problems.add(source, mechanism.located(error).to_string());
-            }
-            Ok(Err(error)) => problems.add("states", error),
-            Err(found) => problems.add_section("states", found),
-        }
-        let starts_outside = |is_good: &dyn Fn(usize, &String, &StateOptions) -> bool| {
-            let mut problems = Problems::default();
-            for (k, ((name, state), start)) in study.coordinates().zip(&start).enumerate() {
-                if !is_good(k, name, state) && state.min < state.max && !(state.min..=state.max).contains(start) {
-                    let (min, max) = (state.min, state.max);
-                    let message = format!(
-                        "the mechanism starts at {}, which is outside the range {}",
-                        exact(*start),
-                        from_to(min, max)
-                    );
-                    problems.add(format!("states.{name}"), message);
-                }
-            }
-            problems
         };
-        problems.extend(starts_outside(&|_, name, state| state.goes_around(name)));
+        problems.extend(starts_outside(study, &start, |_, name, state| state.goes_around(name)));
         let region = region(study, mechanism, values);
-        let mut ranges = region.coordinates.iter().chain(&region.parameters);
-        if problems.is_empty() && names_are_known && ranges.all(|range| range.min < range.max) {
-            if let Err(error) = dynamics::reach(mechanism, &region, false, study.seed)
-                && error.cause == MotionCause::Singular
-            {
-                let expected = "expected ranges without singular positions: narrow them, or those of `parameters`";
-                problems.add("states", format!("{error}, {expected}"));
-                return Err(problems);
-            }
-            match dynamics::check(mechanism, &region, study.seed) {
-                Ok(Checked { idle, is_periodic, .. }) => {
-                    problems.extend(starts_outside(&|k, name, state| !state.goes_around(name) || is_periodic[k]));
-                    for name in idle {
-                        let message = "acts neither on the equations of motion nor on an output; states have separate parameters for \
-                                       their initial values";
-                        problems.add(format!("parameters.{name}"), message);
-                    }
-                }
-                Err(error) => {
-                    let is_output = error.section() == Some("outputs");
-                    let of_output = error.part.clone().filter(|_| is_output);
-                    let other = if is_of_acting_part(&error) { source } else { "states" };
-                    problems.add(of_output.unwrap_or_else(|| other.into()), error);
-                }
-            }
+        if problems.is_empty() && names_are_known {
+            problems.extend(problems_of_equations(study, mechanism, &region, &start));
         }
         if problems.is_empty() {
             let mut states = coordinates_and_velocities(&names);
@@ -236,11 +172,14 @@ impl Driven {
         inputs: Vec<OwnInput>,
     ) -> Result<Self, Problems> {
         let drivers = drivers(study, inputs)?;
-        let within = |((_, start), options): (&(SourceVariable, Option<f64>), &StateOptions)| {
-            let middle = 0.5 * (options.min + options.max);
-            start.filter(|start| (options.min..=options.max).contains(start)).unwrap_or(middle)
-        };
-        let start = states.iter().zip(study.states.values()).map(within).collect();
+        let start = states
+            .iter()
+            .zip(study.states.values())
+            .map(|((_, start), options)| {
+                let middle = 0.5 * (options.min + options.max);
+                start.filter(|start| (options.min..=options.max).contains(start)).unwrap_or(middle)
+            })
+            .collect();
         let states = states.into_iter().map(|(state, _)| state).collect();
         let (ranges, kinds) = (Vec::new(), Kinds::default());
         Ok(Self { states, actuator_states: 0, drivers, start, ranges, region: None, seed: study.seed, kinds })
@@ -319,21 +258,25 @@ impl Driven {
         // of sources without known states, a decay follows signals in about the first third, an instant that is no row's
         let is_unknown = self.states.is_empty();
         let signals_end = if is_unknown { 0.333_71 * times.last().copied().unwrap_or(0.0) } else { 0.0 };
-        let column = |(input, driver): (usize, &DrivingInput)| {
-            let zero = SignalKind::zero([driver.min, driver.max], driver.start);
-            match kind {
-                SignalKind::Signals => driver.values(times, place, &mut random),
-                SignalKind::Zero => vec![zero; times.len()],
-                SignalKind::Ends => vec![if corner.is_high(input) { driver.max } else { driver.min }; times.len()],
-                SignalKind::Decay => {
-                    let mut values = driver.values(times, place, &mut random);
-                    let pairs = times.iter().zip(&mut values).filter(|(time, _)| **time >= signals_end);
-                    pairs.for_each(|(_, value)| *value = zero);
-                    values
+        let columns: Vec<Vec<f64>> = self
+            .drivers
+            .iter()
+            .enumerate()
+            .map(|(input, driver)| {
+                let zero = SignalKind::zero([driver.min, driver.max], driver.start);
+                match kind {
+                    SignalKind::Signals => driver.values(times, place, &mut random),
+                    SignalKind::Zero => vec![zero; times.len()],
+                    SignalKind::Ends => vec![if corner.is_high(input) { driver.max } else { driver.min }; times.len()],
+                    SignalKind::Decay => {
+                        let mut values = driver.values(times, place, &mut random);
+                        let pairs = times.iter().zip(&mut values).filter(|(time, _)| **time >= signals_end);
+                        pairs.for_each(|(_, value)| *value = zero);
+                        values
+                    }
                 }
-            }
-        };
-        let columns: Vec<Vec<f64>> = self.drivers.iter().enumerate().map(column).collect();
+            })
+            .collect();
         (0..times.len()).flat_map(|row| columns.iter().map(move |column| column[row])).collect()
     }
 
@@ -346,11 +289,14 @@ impl Driven {
         let region =
             self.region.as_ref().ok_or_else(|| MotionError::new(MotionCause::Unsuitable, "expected a mechanism"))?;
         let reached = runs.par_iter().map(|(parameters, times)| {
-            let value = |(name, value): &(String, f64)| {
-                let varied = region.parameters.iter().position(|range| range.name == *name);
-                varied.map_or(*value, |index| parameters[index])
-            };
-            let values: Vec<f64> = region.constants.iter().map(value).collect();
+            let values: Vec<f64> = region
+                .constants
+                .iter()
+                .map(|(name, value)| {
+                    let varied = region.parameters.iter().position(|range| range.name == *name);
+                    varied.map_or(*value, |index| parameters[index])
+                })
+                .collect();
             let launch = self.launch(parameters, times)?;
             let integration = (ROUGH, &Budget::default());
             let states = mechanism.states_from(&values, launch.start(), &launch.signals, times, integration)?;
@@ -363,8 +309,9 @@ impl Driven {
                 .collect())
         });
         let reached: Vec<Vec<[f64; 2]>> = reached.collect::<Result<_, MotionError>>()?;
-        let both = |[a, b]: [f64; 2], [c, d]: [f64; 2]| [a.min(c), b.max(d)];
-        let all = reached.into_iter().reduce(|all, one| all.into_iter().zip(one).map(|(a, b)| both(a, b)).collect());
+        let all = reached
+            .into_iter()
+            .reduce(|all, ranges| all.into_iter().zip(ranges).map(|([a, b], [c, d])| [a.min(c), b.max(d)]).collect());
         Ok(all.unwrap_or_default())
     }
 
@@ -409,6 +356,97 @@ impl Driven {
                 .collect::<Result<_, MotionError>>()?,
         })
     }
+}
+
+/// Inputs of a mechanism with the study's options, and what is wrong with them.
+fn drivers_of_mechanism(study: &Study, mechanism: &Mechanism) -> (Vec<DrivingInput>, Problems) {
+    let mut problems = Problems::default();
+    let known: Vec<&str> = mechanism.inputs().keys().map(String::as_str).collect();
+    for name in study.inputs.keys().filter(|name| !known.contains(&name.as_str())) {
+        let message = format!("the mechanism has no input `{name}`, {}", expected_one_of(name, &known));
+        problems.add(format!("inputs.{name}"), message);
+    }
+    let mut drivers = Vec::new();
+    for (name, own) in mechanism.inputs() {
+        let variable = SourceVariable::new(name, &own.unit, &own.description);
+        let own = OwnInput { variable, range: [Some(own.min), Some(own.max)], start: Some(own.start) };
+        match DrivingInput::new(own, study) {
+            Ok(driver) => drivers.push(driver),
+            Err(more) => problems.extend(more),
+        }
+    }
+    (drivers, problems)
+}
+
+/// Key of the mechanism in a study.
+fn source_key(study: &Study) -> &'static str {
+    if study.source.mechanism.is_some() { "source.mechanism" } else { "source.system" }
+}
+
+/// Values of the study's states at the start of a mechanism whose parameters have these values.
+fn start_of_mechanism(study: &Study, mechanism: &Mechanism, values: &[f64]) -> Result<Vec<f64>, Problems> {
+    let mut problems = Problems::default();
+    let names: Vec<&str> = study.coordinates().map(|(name, _)| name.as_str()).collect();
+    match mechanism.check_positions(values, &names).map(|()| mechanism.reduced(values, &names)) {
+        Ok(Ok(reduced)) => {
+            let coordinates = reduced.start().0.iter().chain(reduced.start().1).copied();
+            let starts = reduced.model().actuator_starts();
+            let own = study.actuator_states().filter_map(|(name, _)| mechanism.actuator_states().get_index_of(name));
+            return Ok(coordinates.chain(own.map(|index| starts[index])).collect());
+        }
+        // problems of a part of the mechanism are reported with its line
+        Ok(Err(error)) if is_of_acting_part(&error) => {
+            problems.add(source_key(study), mechanism.located(error).to_string());
+        }
+        Ok(Err(error)) => problems.add("states", error),
+        Err(found) => problems.add_section("states", found),
+    }
+    Err(problems)
+}
+
+/// Coordinates that start outside of their ranges, of those that are not good otherwise.
+fn starts_outside(study: &Study, start: &[f64], is_good: impl Fn(usize, &String, &StateOptions) -> bool) -> Problems {
+    let mut problems = Problems::default();
+    for (k, ((name, state), start)) in study.coordinates().zip(start).enumerate() {
+        if !is_good(k, name, state) && state.min < state.max && !(state.min..=state.max).contains(start) {
+            let range = from_to(state.min, state.max);
+            let message = format!("the mechanism starts at {}, which is outside the range {range}", exact(*start));
+            problems.add(format!("states.{name}"), message);
+        }
+    }
+    problems
+}
+
+/// Problems of the equations of a mechanism in a region, if its ranges are not empty.
+fn problems_of_equations(study: &Study, mechanism: &Mechanism, region: &Region, start: &[f64]) -> Problems {
+    let mut problems = Problems::default();
+    if !region.coordinates.iter().chain(&region.parameters).all(|range| range.min < range.max) {
+        return problems;
+    }
+    if let Err(error) = dynamics::reach(mechanism, region, false, study.seed)
+        && error.cause == MotionCause::Singular
+    {
+        let expected = "expected ranges without singular positions: narrow them, or those of `parameters`";
+        problems.add("states", format!("{error}, {expected}"));
+        return problems;
+    }
+    match dynamics::check(mechanism, region, study.seed) {
+        Ok(Checked { idle, is_periodic, .. }) => {
+            problems.extend(starts_outside(study, start, |k, name, state| !state.goes_around(name) || is_periodic[k]));
+            for name in idle {
+                let message = "acts neither on the equations of motion nor on an output; states have separate parameters for \
+                               their initial values";
+                problems.add(format!("parameters.{name}"), message);
+            }
+        }
+        Err(error) => {
+            let is_output = error.section() == Some("outputs");
+            let of_output = error.part.clone().filter(|_| is_output);
+            let other = if is_of_acting_part(&error) { source_key(study) } else { "states" };
+            problems.add(of_output.unwrap_or_else(|| other.into()), error);
+        }
+    }
+    problems
 }
 
 /// Sections of a mechanism file with formulas that act on its motion.
@@ -493,16 +531,6 @@ impl DrivingInput {
     fn signal(&self, kind: Excitation, stop: f64, random: &mut ChaCha8Rng) -> Box<dyn FnMut(f64) -> f64> {
         let bandwidth = self.bandwidth;
         let half_period = 0.5 / bandwidth;
-        let level = |random: &mut ChaCha8Rng| 2.0 * random.random::<f64>() - 1.0;
-        // times at which levels begin, random with this mean
-        let instants = |random: &mut ChaCha8Rng| {
-            let mut instants = vec![0.0];
-            while instants[instants.len() - 1] < stop {
-                let duration = half_period * (0.5 + random.random::<f64>());
-                instants.push(instants[instants.len() - 1] + duration);
-            }
-            instants
-        };
         match kind {
             Excitation::Multisine => sines(10, 0.05 * bandwidth, bandwidth, random),
             Excitation::Random => sines(100, 0.0, bandwidth, random),
@@ -511,8 +539,8 @@ impl DrivingInput {
                 Box::new(move |t| (phase + PI * bandwidth * t * t / stop.max(f64::MIN_POSITIVE)).sin())
             }
             Excitation::Steps => {
-                let instants = instants(random);
-                let levels: Vec<f64> = instants.iter().map(|_| level(random)).collect();
+                let instants = instants(half_period, stop, random);
+                let levels: Vec<f64> = instants.iter().map(|_| random_level(random)).collect();
                 Box::new(move |t| levels[instants.partition_point(|instant| *instant <= t) - 1])
             }
             Excitation::Binary => {
@@ -528,15 +556,15 @@ impl DrivingInput {
                 })
             }
             Excitation::Ramps => {
-                let instants = instants(random);
-                let levels: Vec<f64> = instants.iter().map(|_| level(random)).collect();
+                let instants = instants(half_period, stop, random);
+                let levels: Vec<f64> = instants.iter().map(|_| random_level(random)).collect();
                 let knots = Knots::new(instants, levels).map(Signal::Linear);
                 let signal = knots.unwrap_or(Signal::Constant(0.0));
                 Box::new(move |t| signal.value(t))
             }
             Excitation::Spline => {
                 let count = (stop / half_period).ceil() as usize + 4;
-                let levels: Vec<f64> = (0..count).map(|_| level(random)).collect();
+                let levels: Vec<f64> = (0..count).map(|_| random_level(random)).collect();
                 // a uniform cubic B-spline stays within its levels
                 Box::new(move |t| {
                     let place = (t / half_period).clamp(0.0, (levels.len() - 4) as f64);
@@ -553,6 +581,21 @@ impl DrivingInput {
             }
         }
     }
+}
+
+/// A number from -1 to 1.
+fn random_level(random: &mut ChaCha8Rng) -> f64 {
+    2.0 * random.random::<f64>() - 1.0
+}
+
+/// Times at which levels begin, up to a stop time; random, with a mean of half a period between them.
+fn instants(half_period: f64, stop: f64, random: &mut ChaCha8Rng) -> Vec<f64> {
+    let mut instants = vec![0.0];
+    while instants[instants.len() - 1] < stop {
+        let duration = half_period * (0.5 + random.random::<f64>());
+        instants.push(instants[instants.len() - 1] + duration);
+    }
+    instants
 }
 
 /// A sum of sines of random frequencies and phases, with one amplitude for which the sum rarely leaves -1 to 1.

@@ -70,9 +70,9 @@ impl Journal {
             if Sha256::digest(values)[..CHECKSUM] != *checksum {
                 break;
             }
-            let (point, outputs) = values.split_at(8 * parameters);
-            let words = |bytes: &[u8]| bytes.chunks_exact(8).map(word).collect::<Vec<u64>>();
-            journal.finished.insert(words(point), words(outputs).into_iter().map(f64::from_bits).collect());
+            let mut point: Vec<u64> = values.chunks_exact(8).map(word).collect();
+            let outputs = point.split_off(parameters);
+            journal.finished.insert(point, outputs.into_iter().map(f64::from_bits).collect());
             length += record.len();
         }
         let length = if records.is_some() { journal.header.len() + length } else { 0 };
@@ -127,12 +127,7 @@ impl Journal {
             }
         };
         let records = &kept.waiting;
-        let write = |file: &mut File| {
-            let length = file.metadata()?.len();
-            // nothing after an incomplete record could be read: a full disk may have room again for the next one
-            file.write_all(records).inspect_err(|_| drop(file.set_len(length)))
-        };
-        let done = write(file).map_err(Error::io(&self.path, "write"));
+        let done = append_whole(file, records).map_err(Error::io(&self.path, "write"));
         kept.waiting.clear();
         kept.written = Instant::now();
         done?;
@@ -164,6 +159,13 @@ impl Journal {
         lock.map_err(Error::io(&self.path, "write"))?;
         Ok(file)
     }
+}
+
+/// Appends records, or none of them.
+fn append_whole(file: &mut File, records: &[u8]) -> std::io::Result<()> {
+    let length = file.metadata()?.len();
+    // nothing after an incomplete record could be read: a full disk may have room again for the next one
+    file.write_all(records).inspect_err(|_| drop(file.set_len(length)))
 }
 
 impl Drop for Journal {

@@ -171,17 +171,15 @@ impl Source {
             Self::Simulation(simulation) => simulation.points(),
             Self::Recorded(_) | Self::Rows(_) => Vec::new(),
         };
-        let column = |name: &String| {
-            self.outputs()
+        let outputs = self.outputs();
+        for (name, elements) in &study.arrays {
+            let columns: Vec<usize> = elements
                 .iter()
-                .position(|output| output.name == *name)
-                .filter(|&column| self.outputs()[column].unit == "m")
-        };
-        for (name, outputs) in &study.arrays {
-            if let [x, y] = outputs.as_slice()
-                && let (Some(x), Some(y)) = (column(x), column(y))
-            {
-                points.push(MovingPoint::of_outputs(name, x, y));
+                .filter_map(|name| outputs.iter().position(|output| output.name == *name))
+                .filter(|&column| outputs[column].unit == "m")
+                .collect();
+            if let ([x, y], 2) = (columns.as_slice(), elements.len()) {
+                points.push(MovingPoint::of_outputs(name, *x, *y));
             }
         }
         points
@@ -197,12 +195,15 @@ impl Source {
 
     /// The elements of an array share its unit.
     fn array_problems(&self, study: &Study) -> Problems {
-        let unit = |name: &String| self.outputs().iter().find(|output| output.name == *name).map(|output| &output.unit);
-        let mixed =
-            study.arrays.iter().filter(|(_, outputs)| outputs.iter().any(|name| unit(name) != unit(&outputs[0])));
         let mut problems = Problems::default();
-        for (name, _) in mixed {
-            problems.add(format!("arrays.{name}"), "the outputs have different units");
+        for (name, elements) in &study.arrays {
+            let units: Vec<Option<&String>> = elements
+                .iter()
+                .map(|name| self.outputs().iter().find(|output| output.name == *name).map(|output| &output.unit))
+                .collect();
+            if units.iter().any(|unit| *unit != units[0]) {
+                problems.add(format!("arrays.{name}"), "the outputs have different units");
+            }
         }
         problems
     }

@@ -126,10 +126,9 @@ impl OwnEquations<'_> {
         for (run, states) in self.runs.iter().zip(states.chunks(count)) {
             request.extend_from_slice(&run.parameters[..parameters]);
             let next = (row + 1).min(run.times.len() - 1);
-            let value = |row: usize, input: usize| run.inputs[row * inputs + input];
+            let [before, after] = [row, next].map(|row| &run.inputs[row * inputs..][..inputs]);
             // inputs are linear between two rows
-            request
-                .extend((0..inputs).map(|input| value(row, input) + part * (value(next, input) - value(row, input))));
+            request.extend(before.iter().zip(after).map(|(before, after)| before + part * (after - before)));
             // a run that has ended must not disturb the others: the source evaluates its initial states again
             let has_ended = states.iter().any(|state| !state.is_finite());
             request.extend_from_slice(if has_ended { &run.parameters[parameters..][..count] } else { states });

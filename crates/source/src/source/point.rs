@@ -50,8 +50,8 @@ impl MovingPoint {
         parameters: &[usize],
         outputs: &[impl AsRef<str>],
     ) -> Option<Self> {
-        let column = |&name: &&str| outputs.iter().position(|output| output.as_ref() == name);
-        let outputs = point.outputs.iter().map(column).collect::<Option<Vec<usize>>>()?;
+        let positions = point.outputs.iter().map(|&name| outputs.iter().position(|output| output.as_ref() == name));
+        let outputs = positions.collect::<Option<Vec<usize>>>()?;
         let rule =
             PointRule::System { point, quantities: quantities.to_vec(), parameters: parameters.to_vec(), outputs };
         Some(Self { name: point.name.into(), rule })

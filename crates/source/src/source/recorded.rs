@@ -29,7 +29,7 @@ use crate::{
     variable::SourceVariable,
 };
 pub use motions::Motions;
-use runs::{Current, Runs};
+use runs::Runs;
 use std::{
     path::{Path, PathBuf},
     sync::atomic::AtomicBool,
@@ -133,7 +133,7 @@ impl Recorded {
         let (table, index) = (&study.source.table, &study.source.index);
         let path = study.beside(table.as_ref().or(index.as_ref()).map_or(Path::new(""), |file| file));
         // motions have other columns for what drives them
-        let driven = || study.inputs.iter().filter(|_| study.runs().are_samples);
+        let driven = study.inputs.iter().filter(|_| study.runs().are_samples);
         let mut recorded = Self {
             path,
             is_index: index.is_some(),
@@ -142,11 +142,11 @@ impl Recorded {
                 time: there("time"),
                 file: there("file"),
                 parameters: study.parameters.keys().map(|name| there(name)).collect(),
-                inputs: driven().map(|(name, _)| there(name)).collect(),
+                inputs: driven.clone().map(|(name, _)| there(name)).collect(),
                 outputs: study.outputs.keys().map(|name| there(name)).collect(),
             },
             parameters: Vec::new(),
-            inputs: driven().map(|(_, input)| RecordedInput::of(input)).collect(),
+            inputs: driven.map(|(_, input)| RecordedInput::of(input)).collect(),
             input_variables: Vec::new(),
             outputs: Vec::new(),
             options: study.parameters.values().cloned().collect(),
@@ -264,16 +264,17 @@ impl Recorded {
             if tests.finished.is_empty() { Err(table.mistake("no test runs")) } else { Ok(tests.finished) }
         });
         let mut runs: Vec<Option<Run>> = runs.finished.into_iter().map(Some).collect();
-        let dataset = |runs| {
-            let (parameters, inputs) = (self.parameters.clone(), self.input_variables.clone());
-            Dataset { inputs, parameters, outputs: self.outputs.clone(), runs }
-        };
-        let mut sets =
-            chosen.try_map(|chosen| Ok(dataset(chosen.into_iter().filter_map(|run| runs[run].take()).collect())))?;
+        let mut sets = chosen
+            .try_map(|chosen| Ok(self.dataset(chosen.into_iter().filter_map(|run| runs[run].take()).collect())))?;
         if let Some(tests) = tests.transpose()? {
-            sets.test = dataset(tests);
+            sets.test = self.dataset(tests);
         }
         Ok((sets, odd))
+    }
+
+    fn dataset(&self, runs: Vec<Run>) -> Dataset {
+        let (parameters, inputs) = (self.parameters.clone(), self.input_variables.clone());
+        Dataset { inputs, parameters, outputs: self.outputs.clone(), runs }
     }
 
     /// Reads a table, or an index and its files.
@@ -299,11 +300,11 @@ impl Recorded {
             if name.is_empty() && label.is_some() {
                 return Err(table.mistake(&format!("column `{}`: is empty, expected the run's label", self.names.run)));
             }
-            let is_current = |current: &Current| match label {
+            let current = runs.current.as_ref().filter(|current| match label {
                 Some(_) => current.label == name,
                 None => current.parameters == point,
-            };
-            match runs.current.as_ref().filter(|&current| is_current(current)) {
+            });
+            match current {
                 Some(current) => {
                     let names = self.names.parameters.iter().map(String::as_str);
                     check_constants(table, names, &point, &current.parameters)?;
@@ -376,20 +377,20 @@ pub(super) fn column_problems(study: &Study, own: &[&str]) -> Problems {
     let states: Vec<&String> = study.states.keys().chain(rates).chain(study.inputs.keys()).collect();
     let known =
         || study.parameters.keys().chain(study.outputs.keys()).chain(states.iter().copied()).map(String::as_str);
-    let is_known = |name: &String| own.contains(&name.as_str()) || known().any(|known| known == name);
     let neither = match own {
         [] => "neither an input nor an output",
         _ => "neither a parameter nor an output, nor `run`, `time` or `file`",
     };
-    let unknown = columns.keys().filter(|name| !is_known(name)).map(|name| {
+    let unknown = columns.keys().filter(|name| !own.contains(&name.as_str()) && !known().any(|known| known == *name));
+    let unknown = unknown.map(|name| {
         let suggestion = did_you_mean(name, known().chain(own.iter().copied()));
         let message = format!("`{name}` is {neither}{suggestion}");
         KeyProblem { key: format!("source.columns.{name}"), message }
     });
     let shared = columns.iter().filter_map(|(name, column)| {
-        let of = |other: &str| columns.get(other).map_or(other, String::as_str) == column.as_str();
         let time = own.iter().copied().filter(|own| *own == "time");
-        let other = known().chain(time).find(|other| other != name && of(other))?;
+        let mut others = known().chain(time).filter(|other| other != name);
+        let other = others.find(|other| columns.get(*other).map_or(*other, String::as_str) == column.as_str())?;
         let message = format!("column `{column}` is that of `{other}` already");
         Some(KeyProblem { key: format!("source.columns.{name}"), message })
     });

@@ -59,11 +59,14 @@ pub struct DesignRows {
 impl DesignRows {
     /// No rows of a table that does not exist yet: its columns are the inputs and outputs of the study.
     pub fn of_study(study: &Study) -> Self {
-        let title = |name: &String| study.source.columns.get(name).unwrap_or(name).clone();
-        let inputs = study.inputs.iter().map(|(name, of)| TableColumn { name: title(name), unit: of.unit.clone() });
-        let outputs = study.outputs.iter().map(|(name, of)| TableColumn { name: title(name), unit: of.unit.clone() });
+        let inputs = study.inputs.iter().map(|(name, of)| (name, &of.unit));
+        let outputs = study.outputs.iter().map(|(name, of)| (name, &of.unit));
+        let columns = inputs.chain(outputs).map(|(name, unit)| {
+            let title = study.source.columns.get(name).unwrap_or(name);
+            TableColumn { name: title.clone(), unit: unit.clone() }
+        });
         Self {
-            columns: inputs.chain(outputs).collect(),
+            columns: columns.collect(),
             positions: (0..study.inputs.len()).collect(),
             points: Rows::default(),
             outputs: Vec::new(),
@@ -144,7 +147,6 @@ impl StaticRows {
             if values.len() < self.positions.len() {
                 continue;
             }
-            let bits = |values: &[f64]| values.iter().map(|value| (value + 0.0).to_bits()).collect::<Vec<u64>>();
             let place = table.place();
             if known.insert(bits(&values), place).is_some() {
                 repeated += 1;
@@ -196,23 +198,8 @@ impl StaticRows {
             for position in outputs {
                 is_planned &= table.text(*position)?.is_empty();
             }
-            let mut numbers = |positions: &[usize]| -> Result<Vec<f64>> {
-                let mut values = Vec::with_capacity(positions.len());
-                for position in positions {
-                    match table.number(*position) {
-                        Ok(value) => values.push(value),
-                        Err(Error::Table { place, message, .. }) => {
-                            wrong.add(place, message);
-                            // all rows have the same width; these are refused below
-                            values.push(f64::NAN);
-                        }
-                        Err(error) => return Err(error),
-                    }
-                }
-                Ok(values)
-            };
-            rows.points.push(&numbers(inputs)?);
-            rows.outputs.push(if is_planned { None } else { Some(numbers(outputs)?) });
+            rows.points.push(&wrong.numbers(&mut table, inputs)?);
+            rows.outputs.push(if is_planned { None } else { Some(wrong.numbers(&mut table, outputs)?) });
         }
         wrong.refuse(&self.path)?;
         Ok(rows)
@@ -241,6 +228,11 @@ impl StaticRows {
     }
 }
 
+/// Bits of numbers; both zeros have the same.
+fn bits(values: &[f64]) -> Vec<u64> {
+    values.iter().map(|value| (value + 0.0).to_bits()).collect()
+}
+
 /// Cells that are not finite numbers.
 #[derive(Default)]
 struct WrongCells {
@@ -249,6 +241,23 @@ struct WrongCells {
 }
 
 impl WrongCells {
+    /// Numbers of a row; a cell without a finite number is NaN, and noted.
+    fn numbers(&mut self, table: &mut Table, positions: &[usize]) -> Result<Vec<f64>> {
+        let mut values = Vec::with_capacity(positions.len());
+        for position in positions {
+            match table.number(*position) {
+                Ok(value) => values.push(value),
+                Err(Error::Table { place, message, .. }) => {
+                    self.add(place, message);
+                    // all rows have the same width; the table is refused anyway
+                    values.push(f64::NAN);
+                }
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(values)
+    }
+
     fn add(&mut self, place: Place, message: String) {
         if self.problems.len() < SHOWN { self.problems.push((place, message)) } else { self.others += 1 }
     }

@@ -153,21 +153,20 @@ pub fn merge(
     let mut seconds = 0.0;
     for path in paths {
         let (shard, outcomes, took) = read(path, study, simulation, points)?;
-        let stale = |message: String| Error::Stale { path: path.clone(), message };
         if let Some((first, (of, _))) = parts.first_key_value()
             && first.of != shard.of
         {
             let message = format!("is shard {shard}, but {} is {first}: expected shards of one division", of.display());
-            return Err(stale(message));
+            return Err(stale(path, message));
         }
         if let Some((first, _)) = parts.insert(shard, (path, outcomes)) {
-            return Err(stale(format!("is shard {shard}, and so is {}", first.display())));
+            return Err(stale(path, format!("is shard {shard}, and so is {}", first.display())));
         }
         seconds += took;
     }
     let Some(of) = parts.keys().next().map(|shard| shard.of) else {
-        let message = "no shards: run `metafmu sample STUDY --shard I/N` first".into();
-        return Err(Error::Stale { path: folder.to_owned(), message });
+        let message = "no shards: run `metafmu sample STUDY --shard I/N` first";
+        return Err(stale(folder, message));
     };
     let missing: Vec<String> = (1..=of)
         .filter(|&number| !parts.contains_key(&Shard { of, number }))
@@ -176,7 +175,7 @@ pub fn merge(
     if !missing.is_empty() {
         let (plural, verb) = if missing.len() == 1 { ("", "is") } else { ("s", "are") };
         let message = format!("shard{plural} {} of {of} {verb} missing", missing.join(", "));
-        return Err(Error::Stale { path: folder.to_owned(), message });
+        return Err(stale(folder, message));
     }
     let mut parts: Vec<_> = parts.into_values().map(|(_, outcomes)| outcomes.into_iter()).collect();
     // a shard has an outcome for each of its points, and every point is in one shard
@@ -185,8 +184,7 @@ pub fn merge(
 }
 
 fn read(path: &Path, study: &Study, simulation: &Simulation, points: &Rows) -> Result<(Shard, Vec<RunOutcome>, f64)> {
-    let stale = |message: &str| Error::Stale { path: path.to_owned(), message: message.into() };
-    let damaged = || stale("is damaged: make the shard again");
+    let damaged = || stale(path, "is damaged: make the shard again");
     let bytes = std::fs::read(path).map_err(Error::io(path, "read"))?;
     let (content, checksum) = bytes.split_at_checked(bytes.len().saturating_sub(CHECKSUM)).ok_or_else(damaged)?;
     let end = content.iter().position(|&byte| byte == b'\n').ok_or_else(damaged)?;
@@ -195,10 +193,13 @@ fn read(path: &Path, study: &Study, simulation: &Simulation, points: &Rows) -> R
     }
     let header: ShardHeader = serde_json::from_slice(&content[..end]).map_err(|_| damaged())?;
     if header.metafmu != env!("CARGO_PKG_VERSION") {
-        return Err(stale(&format!("was made by metafmu {}, expected {}", header.metafmu, env!("CARGO_PKG_VERSION"))));
+        return Err(stale(
+            path,
+            format!("was made by metafmu {}, expected {}", header.metafmu, env!("CARGO_PKG_VERSION")),
+        ));
     }
     if header.sampling_digest != study.sampling_digest() {
-        return Err(stale("was sampled from another study: make the shard again"));
+        return Err(stale(path, "was sampled from another study: make the shard again"));
     }
     let size = 8 * simulation.times().len() * simulation.outputs().len();
     let mut runs = content[end + 1..].chunks_exact(size);
@@ -214,6 +215,10 @@ fn read(path: &Path, study: &Study, simulation: &Simulation, points: &Rows) -> R
         });
     }
     Ok((header.shard, outcomes, header.seconds))
+}
+
+fn stale(path: &Path, message: impl Into<String>) -> Error {
+    Error::Stale { path: path.to_owned(), message: message.into() }
 }
 
 #[cfg(test)]

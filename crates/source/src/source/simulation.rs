@@ -323,45 +323,59 @@ impl Simulation {
         stop: &AtomicBool,
         done: impl Fn() + Sync,
     ) -> Result<Vec<RunOutputs>> {
-        let solve = |point: &[f64]| {
-            if let Some(outputs) = journal.get(point) {
-                return Ok(Ok(outputs.to_vec()));
-            }
-            let begin = Instant::now();
-            let outcome = equations.run(point, &self.times, &[stop]);
-            match &outcome {
-                Err(_) if stop.load(Ordering::Relaxed) => return Err(Error::Interrupted),
-                Ok(outputs) => journal.keep(point, outputs, begin.elapsed())?,
-                Err(_) => {}
-            }
-            Ok(outcome)
-        };
         let (next, failed, halt) = (AtomicUsize::new(0), AtomicUsize::new(0), AtomicBool::new(false));
         let allowed = self.allowed(total);
-        let run = |_: usize| {
-            let index = next.fetch_add(1, Ordering::Relaxed);
-            if halt.load(Ordering::Relaxed) {
-                return (index, None);
-            }
-            let outcome = if stop.load(Ordering::Relaxed) { Err(Error::Interrupted) } else { solve(&points[index]) };
-            let has_memory = match &outcome {
-                Ok(Ok(_)) => true,
-                Ok(Err(_)) => failed.fetch_add(1, Ordering::Relaxed) < allowed,
-                Err(_) => false,
-            };
-            if !has_memory {
-                halt.store(true, Ordering::Relaxed);
-            }
-            done();
-            (index, Some(outcome))
-        };
-        let mut outcomes: Vec<_> = (0..points.len()).into_par_iter().map(run).collect();
+        let mut outcomes: Vec<_> = (0..points.len())
+            .into_par_iter()
+            .map(|_| {
+                let index = next.fetch_add(1, Ordering::Relaxed);
+                if halt.load(Ordering::Relaxed) {
+                    return (index, None);
+                }
+                let outcome = if stop.load(Ordering::Relaxed) {
+                    Err(Error::Interrupted)
+                } else {
+                    self.solve(equations, &points[index], journal, stop)
+                };
+                let has_memory = match &outcome {
+                    Ok(Ok(_)) => true,
+                    Ok(Err(_)) => failed.fetch_add(1, Ordering::Relaxed) < allowed,
+                    Err(_) => false,
+                };
+                if !has_memory {
+                    halt.store(true, Ordering::Relaxed);
+                }
+                done();
+                (index, Some(outcome))
+            })
+            .collect();
         outcomes.sort_unstable_by_key(|(index, _)| *index);
         let outcomes = outcomes.into_iter().filter_map(|(_, outcome)| outcome).collect::<Result<Vec<_>>>()?;
         let mut failures =
             points.iter().zip(&outcomes).filter_map(|(point, outcome)| Some((point, outcome.as_ref().err()?)));
         failures.nth(allowed).map_or(Ok(()), |(point, failure)| self.allow(allowed + 1, total, point, failure))?;
         Ok(outcomes)
+    }
+
+    /// A run that the journal has, or that it keeps then.
+    fn solve(
+        &self,
+        equations: &SimulatedEquations,
+        point: &[f64],
+        journal: &Journal,
+        stop: &AtomicBool,
+    ) -> Result<RunOutputs> {
+        if let Some(outputs) = journal.get(point) {
+            return Ok(Ok(outputs.to_vec()));
+        }
+        let begin = Instant::now();
+        let outcome = equations.run(point, &self.times, &[stop]);
+        match &outcome {
+            Err(_) if stop.load(Ordering::Relaxed) => return Err(Error::Interrupted),
+            Ok(outputs) => journal.keep(point, outputs, begin.elapsed())?,
+            Err(_) => {}
+        }
+        Ok(outcome)
     }
 
     /// Largest number of failed runs of `total`.
@@ -448,11 +462,11 @@ impl EquationSolver {
                 points.filter_map(|point| MovingPoint::of_system(point, quantities, parameters, outputs)).collect()
             }
             Self::Mechanism(mechanism) => {
+                let own = &mechanism.description().outputs;
                 let column = |measure: &str| {
-                    let named = |name: &&str| mechanism.description().outputs.get(*name);
-                    outputs
-                        .iter()
-                        .position(|name| named(name).is_some_and(|output| output.measure.as_deref() == Some(measure)))
+                    outputs.iter().position(|name| {
+                        own.get(*name).is_some_and(|output| output.measure.as_deref() == Some(measure))
+                    })
                 };
                 mechanism
                     .description()

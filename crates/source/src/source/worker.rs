@@ -208,8 +208,8 @@ impl WorkerModel {
         failure: &(dyn Fn(&[f64], &RunFailure) -> Result<()> + Sync),
         done: impl Fn() + Sync,
     ) -> Result<Vec<RunOutputs>> {
-        let kept = |point: &[f64]| Some(journal?.get(point)?.to_vec());
-        let mut outcomes: Vec<Option<RunOutputs>> = points.iter().map(|point| kept(point).map(Ok)).collect();
+        let mut outcomes: Vec<Option<RunOutputs>> =
+            points.iter().map(|point| Some(Ok(journal?.get(point)?.to_vec()))).collect();
         let missing: Vec<usize> = (0..points.len()).filter(|&index| outcomes[index].is_none()).collect();
         (missing.len()..points.len()).for_each(|_| done());
         if !missing.is_empty() {

@@ -97,18 +97,21 @@ impl SystemRun {
             );
         }
         let outputs: Vec<Vec<String>> = (0..parts.len()).map(|component| self.outputs(component)).collect();
-        let column = |port: &Port| outputs[port.component].iter().position(|name| *name == port.variable);
-        let recorded: Vec<(usize, usize)> =
-            self.recorded.iter().map(|port| (port.component, column(port).unwrap_or_default())).collect();
-        let watch = |parts: &[CoupledComponent], Port { component, variable }: &Port| {
-            parts[*component].simulator.watch(variable).map_err(of_component(parts[*component].name))
-        };
+        let recorded: Vec<(usize, usize)> = self
+            .recorded
+            .iter()
+            .map(|Port { component, variable }| {
+                let column = outputs[*component].iter().position(|name| name == variable);
+                (*component, column.unwrap_or_default())
+            })
+            .collect();
         sink.begin(&self.columns())?;
         let row = |parts: &[CoupledComponent], seconds: [f64; 2]| {
             let mut row: Vec<f64> =
                 recorded.iter().map(|&(component, column)| parts[component].values[column]).collect();
-            for port in &self.watched {
-                row.push(watch(parts, port)?);
+            for Port { component, variable } in &self.watched {
+                let CoupledComponent { simulator, name, .. } = &parts[*component];
+                row.push(simulator.watch(variable).map_err(of_component(name))?);
             }
             row.extend(seconds);
             Ok::<_, Error>(row)

@@ -160,8 +160,9 @@ impl FmuSystem {
                 true => Archive::open(&self.root)?.read(source, MAX_DESCRIPTION)?,
                 false => reading::read(&path, MAX_DESCRIPTION).map_err(Error::io(&path, "read"))?,
             };
-            let set = |name: &str| values.iter().find(|value| value.name == name).map(|value| value.value);
-            return ComponentSource::mechanism(path, String::from_utf8_lossy(&bytes).into_owned(), set);
+            return ComponentSource::mechanism(path, String::from_utf8_lossy(&bytes).into_owned(), |name| {
+                values.iter().find(|value| value.name == name).map(|value| value.value)
+            });
         }
         let fmu = match self.is_archive {
             true => {

@@ -100,7 +100,6 @@ impl FmuSystem {
     /// Mismatches between the system and the description of a component, with lines.
     fn misfits(&self, position: usize, description: &ModelDescription) -> Vec<(usize, String)> {
         let component = &self.components[position];
-        let named = |name: &str| format!("component `{}`: it has no variable `{name}`", component.name);
         let mut problems = Vec::new();
         let connected = self.connections.iter().flat_map(|Connection { from, to }| [(from, false), (to, true)]);
         let outputs = self.outputs.iter().map(|(_, end)| (end, false));
@@ -113,7 +112,8 @@ impl FmuSystem {
         }
         for value in &component.values {
             let Some(variable) = description.variable(&value.name) else {
-                problems.push((value.line, named(&value.name) + &meant(description, &value.name)));
+                let message = format!("component `{}`: it has no variable `{}`", component.name, value.name);
+                problems.push((value.line, message + &meant(description, &value.name)));
                 continue;
             };
             let wrong =

@@ -147,13 +147,14 @@ pub struct MechanismSimulator<'a> {
 
 impl<'a> MechanismSimulator<'a> {
     pub fn new(mechanism: &'a Mechanism, inputs: &[&str], outputs: &[String], tolerance: Option<f64>) -> Self {
-        let output = |name: &String| mechanism.outputs().iter().position(|output| output.name == *name);
+        let positions =
+            outputs.iter().filter_map(|name| mechanism.outputs().iter().position(|output| output.name == *name));
         Self {
             mechanism,
             stepper: None,
             given: mechanism.inputs().values().map(|input| input.start).collect(),
             inputs: inputs.iter().filter_map(|name| mechanism.inputs().get_index_of(*name)).collect(),
-            outputs: outputs.iter().filter_map(output).collect(),
+            outputs: positions.collect(),
             tolerance,
         }
     }
@@ -165,11 +166,11 @@ impl<'a> MechanismSimulator<'a> {
 
 impl Simulator for MechanismSimulator<'_> {
     fn enter(&mut self, start_values: &[(String, f64)], run: &SystemRun) -> Result<()> {
-        let value = |name: &str| start_values.iter().find(|(known, _)| known == name).map(|(_, value)| *value);
         let parameters = self.mechanism.parameters().iter();
-        let values: Vec<f64> = parameters.map(|(name, parameter)| value(name).unwrap_or(parameter.default)).collect();
+        let values: Vec<f64> =
+            parameters.map(|(name, parameter)| start_value(start_values, name).unwrap_or(parameter.default)).collect();
         for (given, name) in self.given.iter_mut().zip(self.mechanism.inputs().keys()) {
-            *given = value(name).unwrap_or(*given);
+            *given = start_value(start_values, name).unwrap_or(*given);
         }
         let tolerance = self.tolerance.unwrap_or(TOLERANCE);
         let stepper = self.mechanism.stepper(&values, &self.given, run.start, tolerance).map_err(failed)?;
@@ -211,6 +212,11 @@ impl Simulator for MechanismSimulator<'_> {
     fn terminate(&self) -> Result<()> {
         Ok(())
     }
+}
+
+/// The start value of a name.
+fn start_value(start_values: &[(String, f64)], name: &str) -> Option<f64> {
+    start_values.iter().find(|(known, _)| known == name).map(|(_, value)| *value)
 }
 
 fn failed(error: MotionError) -> Error {

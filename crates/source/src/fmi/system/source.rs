@@ -28,6 +28,30 @@ pub enum ComponentSource {
     },
 }
 
+/// Scalar variables of a mechanism, which have their positions as value references.
+#[derive(Default)]
+struct ScalarVariables(Vec<ScalarVariable>);
+
+impl ScalarVariables {
+    fn add(&mut self, name: &str, causality: Causality, variability: Variability, start: Option<f64>, unit: &str) {
+        let unit = (!unit.is_empty()).then(|| unit.to_owned());
+        self.0.push(ScalarVariable {
+            name: name.to_owned(),
+            value_reference: self.0.len() as u32,
+            description: None,
+            causality,
+            variability,
+            initial: None,
+            declared_type: None,
+            kind: VariableType::Real(RealAttributes { unit, start, ..RealAttributes::default() }),
+            dimensions: Vec::new(),
+            clocks: Vec::new(),
+            intermediate_update: false,
+            aliases: Vec::new(),
+        });
+    }
+}
+
 impl ComponentSource {
     /// A mechanism with values of some parameters, which its start depends on.
     ///
@@ -42,37 +66,20 @@ impl ComponentSource {
             values: "the values that the system sets".into(),
             message: error.message,
         })?;
-        let mut variables = Vec::new();
-        let mut add = |name: &str, causality, variability, start, unit: &str| {
-            let unit = (!unit.is_empty()).then(|| unit.to_owned());
-            variables.push(ScalarVariable {
-                name: name.to_owned(),
-                value_reference: variables.len() as u32,
-                description: None,
-                causality,
-                variability,
-                initial: None,
-                declared_type: None,
-                kind: VariableType::Real(RealAttributes { unit, start, ..RealAttributes::default() }),
-                dimensions: Vec::new(),
-                clocks: Vec::new(),
-                intermediate_update: false,
-                aliases: Vec::new(),
-            });
-        };
+        let mut variables = ScalarVariables::default();
         for (name, input) in mechanism.inputs() {
-            add(name, Causality::Input, Variability::Continuous, Some(input.start), &input.unit);
+            variables.add(name, Causality::Input, Variability::Continuous, Some(input.start), &input.unit);
         }
         for (name, parameter) in mechanism.parameters() {
-            add(name, Causality::Parameter, Variability::Fixed, Some(parameter.default), &parameter.unit);
+            variables.add(name, Causality::Parameter, Variability::Fixed, Some(parameter.default), &parameter.unit);
         }
         for output in mechanism.outputs() {
-            add(&output.name, Causality::Output, Variability::Continuous, None, &output.unit);
+            variables.add(&output.name, Causality::Output, Variability::Continuous, None, &output.unit);
         }
         for (name, value) in &start {
-            add(name, Causality::Local, Variability::Constant, Some(*value), "");
+            variables.add(name, Causality::Local, Variability::Constant, Some(*value), "");
         }
-        let description = Box::new(ModelDescription { variables, ..ModelDescription::default() });
+        let description = Box::new(ModelDescription { variables: variables.0, ..ModelDescription::default() });
         Ok(Self::Mechanism { path, text, description })
     }
 

@@ -33,11 +33,12 @@ const IGNORED: [&str; 9] = [
 
 /// Reads a description; `path` is for messages, and the FMUs are in `root`.
 pub fn read(bytes: &[u8], path: &Path, root: &Path, is_archive: bool) -> Result<FmuSystem> {
-    let refuse = |problems| Err(Error::System { path: path.to_owned(), problems });
     let element = decode(bytes).and_then(|text| Element::parse(&text));
     let document = match element {
         Ok(document) => document,
-        Err(problem) => return refuse(vec![(problem.line, problem.message)]),
+        Err(problem) => {
+            return Err(Error::System { path: path.to_owned(), problems: vec![(problem.line, problem.message)] });
+        }
     };
     let mut reader = StructureReader::default();
     let mut system = FmuSystem {
@@ -56,7 +57,7 @@ pub fn read(bytes: &[u8], path: &Path, root: &Path, is_archive: bool) -> Result<
         return Ok(system);
     }
     reader.problems.sort_by_key(|(line, _)| *line);
-    refuse(reader.problems)
+    Err(Error::System { path: path.to_owned(), problems: reader.problems })
 }
 
 #[derive(Default)]
@@ -348,10 +349,10 @@ impl StructureReader {
         }
         let (start, end) = (self.end(element, "start", system), self.end(element, "end", system));
         let (Some((from, start)), Some((to, end))) = (start, end) else { return };
-        let is_output = |kind| matches!(kind, ConnectorKind::Output | ConnectorKind::CalculatedParameter);
         // from inside, the system's own go the other way
         for (component, connector, gives) in [(from, &start, true), (to, &end, false)] {
-            if is_output(connector.kind) != (gives == component.is_some()) {
+            let is_output = matches!(connector.kind, ConnectorKind::Output | ConnectorKind::CalculatedParameter);
+            if is_output != (gives == component.is_some()) {
                 let (role, way) = if gives { ("start", "gives") } else { ("end", "takes") };
                 let message = format!("the connection's {role} is `{}`, which {way} no value", connector.name);
                 return self.problem(element, message);
@@ -369,7 +370,6 @@ impl StructureReader {
             return self.problem(element, message);
         }
         let line = element.line;
-        let at = |component, connector: Connector| End { component, connector: connector.name, line };
         let mut targets = system.connections.iter().map(|connection| &connection.to);
         match (from, to) {
             (Some(_), Some(target))
@@ -386,9 +386,12 @@ impl StructureReader {
                 self.problem(element, message);
             }
             (Some(from), Some(to)) => {
-                system.connections.push(Connection { from: at(from, start), to: at(to, end) });
+                let from = End { component: from, connector: start.name, line };
+                system.connections.push(Connection { from, to: End { component: to, connector: end.name, line } });
             }
-            (Some(from), None) => system.outputs.push((end.name, at(from, start))),
+            (Some(from), None) => {
+                system.outputs.push((end.name, End { component: from, connector: start.name, line }));
+            }
             (None, Some(to)) => {
                 let value = own.iter().find(|value| value.name == start.name);
                 let value = value.map(|value| StartValue { name: end.name, line, ..value.clone() });

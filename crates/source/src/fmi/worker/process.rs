@@ -56,15 +56,15 @@ impl<R: DeserializeOwned + Send + 'static> Worker<R> {
     /// # Errors
     /// [`Error::Io`] with the system's reason.
     pub fn start(program: &Path, path: &Path, folder: &Path, job: &Job, heard: fn(&str)) -> Result<Self> {
-        let failed = |source| Error::io(path, "start a process for")(source);
+        const DOING: &str = "start a process for";
         if std::env::var_os(FOLDER).is_some() {
             let other = "a worker cannot start another: does the program call `worker::serve`?";
-            return Err(failed(io::Error::other(other)));
+            return Err(Error::io(path, DOING)(io::Error::other(other)));
         }
         let mut command = Command::new(program);
         command.arg(ARGUMENT).env(FOLDER, folder);
         let name = "the FMU ended its process";
-        let worker = Self(ChildProcess::start(command, name, read_reply, heard).map_err(failed)?);
+        let worker = Self(ChildProcess::start(command, name, read_reply, heard).map_err(Error::io(path, DOING))?);
         worker.ask(job);
         Ok(worker)
     }

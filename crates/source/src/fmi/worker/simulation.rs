@@ -45,6 +45,12 @@ pub(super) enum SimulationReply {
     Failed(String),
 }
 
+impl From<Error> for SimulationReply {
+    fn from(error: Error) -> Self {
+        Self::Failed(error.to_string())
+    }
+}
+
 /// Runs an unpacked FMU in a separate process and hands on its rows as they come. Returns true if the FMU ended the
 /// simulation before its stop time.
 ///
@@ -149,15 +155,14 @@ fn finite(options: &SimulationOptions) -> Result<()> {
 
 /// Makes the run and sends its result.
 pub(super) fn serve(task: &SimulationTask, folder: &Path, mut replies: Replies) -> Result<()> {
-    let failed = |error: Error| SimulationReply::Failed(error.to_string());
     // an FMU need not survive that its library is unloaded
     let fmu = match Fmu::open_unpacked(&task.path, folder, task.interface) {
         Ok(fmu) => ManuallyDrop::new(fmu),
-        Err(error) => return replies.send(&failed(error), &[]),
+        Err(error) => return replies.send(&SimulationReply::from(error), &[]),
     };
     let instance = match fmu.instantiate("metafmu", false) {
         Ok(instance) => instance,
-        Err(error) => return replies.send(&failed(error), &[]),
+        Err(error) => return replies.send(&SimulationReply::from(error), &[]),
     };
     let mut sender = Sender::new(&mut replies);
     match simulate_into(&instance, &task.options, &mut sender) {
@@ -167,7 +172,7 @@ pub(super) fn serve(task: &SimulationTask, folder: &Path, mut replies: Replies) 
             replies.send(&SimulationReply::Done { terminated }, &[])
         }
         // before the instance is freed, which may not go well either
-        Err(error) => replies.send(&failed(error), &[]),
+        Err(error) => replies.send(&SimulationReply::from(error), &[]),
     }
 }
 

@@ -5,7 +5,7 @@ use super::{
     simulation::{Sender, SimulationReply, follow},
 };
 use crate::{
-    Error, Result,
+    Result,
     fmi::{
         host::RowSink,
         system::{master::folder, run::SystemRun},
@@ -31,14 +31,13 @@ pub fn run_system_apart(path: &Path, run: &SystemRun, watch: Watch, sink: &mut i
 
 /// Makes the run and sends its result.
 pub(super) fn serve(run: &SystemRun, mut replies: Replies) -> Result<()> {
-    let failed = |error: Error| SimulationReply::Failed(error.to_string());
     let loaded = match run.load() {
         Ok(loaded) => loaded,
-        Err(error) => return replies.send(&failed(error), &[]),
+        Err(error) => return replies.send(&SimulationReply::from(error), &[]),
     };
     let instances = match run.instantiate(&loaded) {
         Ok(instances) => instances,
-        Err(error) => return replies.send(&failed(error), &[]),
+        Err(error) => return replies.send(&SimulationReply::from(error), &[]),
     };
     let mut sender = Sender::new(&mut replies);
     match run.simulate(&instances, &mut sender) {
@@ -48,6 +47,6 @@ pub(super) fn serve(run: &SystemRun, mut replies: Replies) -> Result<()> {
             replies.send(&SimulationReply::Done { terminated }, &[])
         }
         // before the instances are freed, which may not go well either
-        Err(error) => replies.send(&failed(error), &[]),
+        Err(error) => replies.send(&SimulationReply::from(error), &[]),
     }
 }

@@ -14,7 +14,7 @@ use crate::{
     fmi::{
         ModelDescription,
         host::{InterfaceKind, NO_EQUATIONS, element_names},
-        model_description::{self as fmi, Causality, Initial, RealAttributes, ScalarVariable, VariableType},
+        model_description::{self as fmi, Causality, Initial, ScalarVariable, VariableType},
         worker::sampling::{self, SamplingTask},
     },
     study::Study,
@@ -220,8 +220,9 @@ impl Resolver<'_> {
         if known.is_empty() {
             problems.add("source.fmu", "the FMU has no states; a study without `structure` takes it");
         }
-        let is_continuous = |variable: &ScalarVariable| variable.variability == fmi::Variability::Continuous;
-        let inputs = match self.inputs("continuous scalar input", is_continuous) {
+        let inputs = match self
+            .inputs("continuous scalar input", |variable| variable.variability == fmi::Variability::Continuous)
+        {
             Ok(inputs) if problems.is_empty() => inputs,
             found => {
                 problems.extend(found.err().unwrap_or_default());
@@ -356,8 +357,8 @@ pub fn recordable(variable: &ScalarVariable) -> std::result::Result<(), UnfitVar
 pub fn range(description: &ModelDescription, variable: &ScalarVariable) -> (Option<f64>, Option<f64>) {
     let own = variable.kind.as_real();
     let of_type = description.type_of(variable).and_then(|definition| definition.kind.as_real());
-    let bound = |get: fn(&RealAttributes) -> Option<f64>| own.and_then(get).or(of_type.and_then(get));
-    (bound(|real| real.min), bound(|real| real.max))
+    let [own, of_type] = [own, of_type].map(|real| real.map_or([None; 2], |real| [real.min, real.max]));
+    (own[0].or(of_type[0]), own[1].or(of_type[1]))
 }
 
 /// The variable of a name, or the array that has an element of that name.
@@ -391,8 +392,12 @@ fn unknown(
     }
     let known: Vec<&str> = description.variables.iter().filter(|v| fits(v)).map(|v| v.name.as_str()).collect();
     let lower = name.to_lowercase();
-    let like = |known: &&&str| known.to_lowercase().contains(&lower) || lower.contains(&known.to_lowercase());
-    let mut shown: Vec<&str> = known.iter().filter(like).copied().take(SHOWN).collect();
+    let mut shown: Vec<&str> = known
+        .iter()
+        .filter(|known| known.to_lowercase().contains(&lower) || lower.contains(&known.to_lowercase()))
+        .copied()
+        .take(SHOWN)
+        .collect();
     if shown.is_empty() {
         shown = known.iter().copied().take(SHOWN).collect();
     }

@@ -70,10 +70,6 @@ impl ProgramRuns {
     /// # Errors
     /// [`Error::Study`] with every placeholder that is missing and every input without a range.
     pub(super) fn resolve(study: &Study) -> Result<ResolvedProgram> {
-        let text = |text: &Option<String>| text.clone().unwrap_or_default();
-        let variable = |name: &str, unit: &Option<String>, description: &Option<String>| {
-            SourceVariable::new(name, &text(unit), &text(description))
-        };
         let mut parameters: Vec<SourceVariable> =
             study.parameters.iter().map(|(name, p)| variable(name, &p.unit, &p.description)).collect();
         let outputs = study.outputs.iter().map(|(name, o)| variable(name, &o.unit, &o.description)).collect();
@@ -146,23 +142,25 @@ impl ProgramRuns {
         let counts = [self.study.parameters.len(), self.study.inputs.len(), self.study.states.len()];
         let width: usize = counts.iter().sum();
         let points = values.len() / width.max(1);
-        let column = |index: usize| values.iter().skip(index).step_by(width).copied().collect::<Vec<f64>>();
-        let mut parameters: IndexMap<&str, Vec<f64>> =
-            names(&self.study.parameters).enumerate().map(|(index, name)| (name, column(index))).collect();
+        let [of_parameters, of_inputs, of_states] = [0, counts[0], counts[0] + counts[1]]
+            .map(|first| (first..).map(move |index| values.iter().skip(index).step_by(width).copied().collect()));
+        let mut parameters: IndexMap<&str, Vec<f64>> = names(&self.study.parameters).zip(of_parameters).collect();
         let constants = &self.study.source.constants;
         parameters.extend(constants.iter().map(|(name, value)| (name.as_str(), vec![*value; points])));
-        let of = |names: Vec<&'a str>, first: usize| {
-            names.into_iter().enumerate().map(|(index, name)| (name, column(first + index))).collect()
-        };
         Request::Equations {
             points,
             parameters,
-            inputs: of(names(&self.study.inputs).collect(), counts[0]),
-            states: of(names(&self.study.states).collect(), counts[0] + counts[1]),
+            inputs: names(&self.study.inputs).zip(of_inputs).collect(),
+            states: names(&self.study.states).zip(of_states).collect(),
             outputs: names(&self.study.outputs).collect(),
             mass: self.study.has_mass_matrix(),
         }
     }
+}
+
+/// A variable of the study, without a unit and a description if it gives none.
+fn variable(name: &str, unit: &Option<String>, description: &Option<String>) -> SourceVariable {
+    SourceVariable::new(name, unit.as_deref().unwrap_or_default(), description.as_deref().unwrap_or_default())
 }
 
 impl Launcher for &ProgramRuns {
@@ -253,12 +251,11 @@ impl RunningProgram {
         stop: &AtomicBool,
     ) -> Result<Option<(Self, ProgramDescription)>> {
         let longest = (1 << 20) + 64 * numbers as u64;
-        let read = move |output: &mut ReplyStream| {
+        let process = command.spawn(&command.arguments, move |output: &mut ReplyStream| {
             let mut line = Vec::new();
             let count = output.by_ref().take(longest).read_until(b'\n', &mut line).ok()?;
             (count > 0).then_some(line)
-        };
-        let process = command.spawn(&command.arguments, read)?;
+        })?;
         let mut program = Self { process, name: command.name(), id: 0 };
         match program.ask(Request::Describe { protocol: PROTOCOL }, limit, stop) {
             Answer::Line(line) => match ProgramDescription::parse(&line, program.id) {
@@ -350,6 +347,6 @@ fn names<T>(variables: &IndexMap<String, T>) -> impl Iterator<Item = &str> {
 /// Columns of rows.
 fn columns<'a>(names: impl Iterator<Item = &'a str>, rows: &[f64]) -> IndexMap<&'a str, Vec<f64>> {
     let names: Vec<&str> = names.collect();
-    let column = |index: usize| rows.iter().skip(index).step_by(names.len()).copied().collect();
-    names.iter().enumerate().map(|(index, name)| (*name, column(index))).collect()
+    let columns = (0..names.len()).map(|index| rows.iter().skip(index).step_by(names.len()).copied().collect());
+    names.iter().copied().zip(columns).collect()
 }

@@ -23,22 +23,26 @@ const BUILT_IN: [&str; 4] = ["result", "inputs", "stop", "step"];
 /// Every parameter and constant that no argument has, and every name that means something else.
 pub(super) fn problems(study: &Study, arguments: &[String]) -> Problems {
     let mut problems = Problems::default();
-    let is_used = |placeholder: &str| arguments.iter().any(|argument| argument.contains(placeholder));
     let parameters = study.parameters.keys().map(|name| (format!("parameters.{name}"), name));
     let constants = study.source.constants.keys().map(|name| (format!("source.constants.{name}"), name));
     for (key, name) in parameters.chain(constants) {
         if BUILT_IN.contains(&name.as_str()) {
             problems.add(key, format!("`{{{name}}}` has another meaning in source.command: choose another name"));
-        } else if !is_used(&format!("{{{name}}}")) {
+        } else if !is_used(arguments, &format!("{{{name}}}")) {
             problems.add(key, format!("has no effect: expected `{{{name}}}` in an argument of source.command"));
         }
     }
-    if !study.inputs.is_empty() && !is_used(INPUTS) {
+    if !study.inputs.is_empty() && !is_used(arguments, INPUTS) {
         let message =
             "the inputs have no effect, expected `{inputs}` in an argument: a CSV file with a row for each time";
         problems.add("source.command", message);
     }
     problems
+}
+
+/// Returns true if an argument has a placeholder.
+fn is_used(arguments: &[String], placeholder: &str) -> bool {
+    arguments.iter().any(|argument| argument.contains(placeholder))
 }
 
 /// Runs of such a program, one after the other.
@@ -75,9 +79,9 @@ impl OneShot {
             .arguments
             .iter()
             .map(|argument| {
-                let fill =
-                    |text: String, (placeholder, value): &(String, String)| text.replace(placeholder.as_str(), value);
-                placeholders.iter().fold(argument.clone(), fill)
+                placeholders
+                    .iter()
+                    .fold(argument.clone(), |text, (placeholder, value)| text.replace(placeholder.as_str(), value))
             })
             .collect())
     }
@@ -108,10 +112,6 @@ impl WorkerProcess for OneShot {
             Ok(arguments) => arguments,
             Err(error) => return process_failed(error.to_string()),
         };
-        let discard = |output: &mut crate::process::ReplyStream| -> Option<()> {
-            let _ = io::copy(output, &mut io::sink());
-            None
-        };
         let mut process = match self.runs.command.spawn(&arguments, discard) {
             Ok(process) => process,
             Err(error) => return process_failed(error.to_string()),
@@ -136,6 +136,12 @@ impl WorkerProcess for OneShot {
     }
 
     fn finish(self: Box<Self>) {}
+}
+
+/// Reads what a program prints, and keeps nothing of it.
+fn discard(output: &mut crate::process::ReplyStream) -> Option<()> {
+    let _ = io::copy(output, &mut io::sink());
+    None
 }
 
 fn process_failed(message: String) -> WorkerReply {

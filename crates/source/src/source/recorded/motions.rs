@@ -107,9 +107,11 @@ impl Recorded {
             return Err(table.mistake("the table has no rows"));
         }
         // of runs that are divided in time each one is for both
-        let all = || (0..recorded.len()).collect::<Vec<usize>>();
         let chosen = match study.sampling.train_stop {
-            Some(_) => Sets { train: all(), test: all(), calibration: Vec::new() },
+            Some(_) => {
+                let all: Vec<usize> = (0..recorded.len()).collect();
+                Sets { train: all.clone(), test: all, calibration: Vec::new() }
+            }
             None => self.choose(recorded.len(), false).map_err(|error| table.mistake(&error.to_string()))?,
         };
         let motions = columns.motions(study, recorded, chosen)?;
@@ -144,9 +146,8 @@ impl MotionColumns {
     fn new(study: &Study, table: &Table, there: &impl Fn(&str) -> String) -> Result<Self> {
         let unit_there =
             |name: &str| Ok::<_, Error>(table.columns()[table.column(&there(name))?].unit().map(str::to_owned));
-        let options = |name: &str| study.outputs.get(name);
         let variable = |name: &str, unit: Option<String>, otherwise: String, description: String| {
-            let options = options(name);
+            let options = study.outputs.get(name);
             let own = unit.or(options.and_then(|options| options.unit.clone())).unwrap_or(otherwise);
             let description = options.and_then(|options| options.description.clone()).unwrap_or(description);
             SourceVariable::new(name, &own, &description)
@@ -180,16 +181,15 @@ impl MotionColumns {
     /// The study's outputs, which are states.
     fn outputs(&self, study: &Study) -> Result<Vec<SourceVariable>> {
         let mut problems = Problems::default();
-        let known = || list(self.states.iter().map(|state| &state.name));
         for (name, options) in &study.outputs {
             match self.states.iter().find(|state| state.name == *name) {
                 Some(state) => {
                     problems.extend(wrong_unit(&format!("outputs.{name}"), options.unit.as_deref(), &state.unit))
                 }
                 None => {
+                    let known = list(self.states.iter().map(|state| &state.name));
                     let message = format!(
-                        "is no state: of a table coordinates and their rates are shown, expected one of {}",
-                        known()
+                        "is no state: of a table coordinates and their rates are shown, expected one of {known}"
                     );
                     problems.add(format!("outputs.{name}"), message);
                 }
@@ -204,11 +204,12 @@ impl MotionColumns {
         let (n, m) = (self.rates.len(), self.inputs.len());
         let trajectories: Vec<Trajectory> = recorded.iter().map(|run| self.trajectory(run)).collect();
         let runs = recorded.into_iter().zip(&trajectories).map(|(run, Trajectory { q, v, u, .. })| {
-            let state = |row: usize, state: usize| if state < n { q[row * n + state] } else { v[row * n + state - n] };
-            let starts = (0..2 * n).map(|k| state(0, k));
-            let rows = 0..run.times.len();
-            let outputs = rows.flat_map(|row| self.shown.iter().map(move |shown| state(row, *shown))).collect();
-            let parameters = run.parameters.iter().copied().chain(starts).collect();
+            let starts = [&q[..n], &v[..n]].concat();
+            let mut outputs = Vec::new();
+            for (q, v) in q.chunks_exact(n).zip(v.chunks_exact(n)).take(run.times.len()) {
+                outputs.extend(self.shown.iter().map(|&state| if state < n { q[state] } else { v[state - n] }));
+            }
+            let parameters = [run.parameters.as_slice(), &starts].concat();
             Run { parameters, times: Arc::clone(&run.times), inputs: u.clone(), outputs }
         });
         let runs: Vec<Run> = runs.collect();
@@ -216,18 +217,14 @@ impl MotionColumns {
         let learned = runs.iter().zip(&trajectories);
         let learned: Vec<Trajectory> =
             learned.map(|(run, motion)| motion.first(run.times.partition_point(|time| *time <= stop))).collect();
-        let range = |values: &dyn Fn(&Trajectory) -> &Vec<f64>, width: usize, column: usize| {
-            let values = learned.iter().flat_map(|motion| values(motion).iter().skip(column).step_by(width));
-            values.fold([f64::INFINITY, f64::NEG_INFINITY], |[min, max], value| [min.min(*value), max.max(*value)])
-        };
         let own = self.inputs.iter().enumerate().map(|(column, variable)| {
-            let [min, max] = range(&|motion| &motion.u, m, column);
+            let [min, max] = range(learned.iter().flat_map(|motion| motion.u.iter().skip(column).step_by(m)));
             let start = trajectories[0].u.get(column).copied();
             OwnInput { variable: variable.clone(), range: [Some(min), Some(max)], start }
         });
         let ranges = (0..2 * n).map(|k| match k < n {
-            true => range(&|motion| &motion.q, n, k),
-            false => range(&|motion| &motion.v, n, k - n),
+            true => range(learned.iter().flat_map(|motion| motion.q.iter().skip(k).step_by(n))),
+            false => range(learned.iter().flat_map(|motion| motion.v.iter().skip(k - n).step_by(n))),
         });
         let first = &trajectories[0];
         let start = [&first.q[..n], &first.v[..n]].concat();
@@ -266,4 +263,9 @@ impl MotionColumns {
             u: by_rows(&(width - m..width).map(column).collect::<Vec<_>>()),
         }
     }
+}
+
+/// The smallest and the largest of some values.
+fn range<'a>(values: impl Iterator<Item = &'a f64>) -> [f64; 2] {
+    values.fold([f64::INFINITY, f64::NEG_INFINITY], |[min, max], value| [min.min(*value), max.max(*value)])
 }

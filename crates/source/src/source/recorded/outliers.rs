@@ -27,8 +27,7 @@ pub(super) fn find(runs: &[Run], outputs: usize) -> Option<Outliers> {
 }
 
 fn of_output(runs: &[Run], outputs: usize, output: usize) -> Option<Outliers> {
-    let values = |run: &Run| run.outputs.iter().skip(output).step_by(outputs).copied().collect::<Vec<f64>>();
-    let mut sorted: Vec<f64> = runs.iter().flat_map(values).collect();
+    let mut sorted: Vec<f64> = runs.iter().flat_map(|run| values(run, outputs, output)).collect();
     if sorted.len() < FEWEST {
         return None;
     }
@@ -36,15 +35,15 @@ fn of_output(runs: &[Run], outputs: usize, output: usize) -> Option<Outliers> {
     let left_out = ((ENDS * sorted.len() as f64) as usize).max(1);
     let [low, high] = [sorted[left_out], sorted[sorted.len() - 1 - left_out]];
     let width = high - low;
-    let is_beyond = |value: f64| value < low - width || value > high + width;
-    if width == 0.0 || ![sorted[0], sorted[sorted.len() - 1]].into_iter().any(is_beyond) {
+    let usual = low - width..=high + width;
+    if width == 0.0 || (usual.contains(&sorted[0]) && usual.contains(&sorted[sorted.len() - 1])) {
         return None;
     }
     let (mut rows, mut range) = (Vec::new(), [f64::INFINITY, f64::NEG_INFINITY]);
     for (number, run) in runs.iter().enumerate() {
         let mut length = 0;
-        for (row, value) in values(run).into_iter().enumerate() {
-            if is_beyond(value) {
+        for (row, value) in values(run, outputs, output).enumerate() {
+            if !usual.contains(&value) {
                 length += 1;
                 rows.push((number, row));
             } else {
@@ -57,6 +56,11 @@ fn of_output(runs: &[Run], outputs: usize, output: usize) -> Option<Outliers> {
         }
     }
     Some(Outliers { output, rows, range })
+}
+
+/// Values of an output.
+fn values(run: &Run, outputs: usize, output: usize) -> impl Iterator<Item = f64> {
+    run.outputs.iter().skip(output).step_by(outputs).copied()
 }
 
 #[cfg(test)]

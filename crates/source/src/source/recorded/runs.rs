@@ -258,12 +258,13 @@ impl<'a> Runs<'a> {
         let steps = (self.recorded.stop / step).round() as usize;
         let is_record = self.finished.len() == 1;
         let given = first.times.partition_point(|time| *time < 0.0);
-        let pieces = |before: usize| first.times.len().saturating_sub(before + 1) / steps;
-        let moves = is_record && given == 0 && pieces(longest) > 0 && self.moves(first, longest);
+        let are_enough = first.times.len().saturating_sub(longest + 1) >= steps;
+        let moves = is_record && given == 0 && are_enough && self.moves(first, longest);
         let before = if moves { longest } else { given };
-        let pieces = if is_record { pieces(before) } else { 1 };
+        let pieces = if is_record { first.times.len().saturating_sub(before + 1) / steps } else { 1 };
         let widths = [self.recorded.inputs.len(), self.recorded.outputs.len()];
-        let piece = |number: usize| {
+        let mut cut = Vec::new();
+        for number in 0..pieces {
             let start = before + number * steps;
             let from = if number == 0 { 0 } else { start.saturating_sub(longest) };
             let rows = from..start + steps + 1;
@@ -272,9 +273,9 @@ impl<'a> Runs<'a> {
             let mut parameters = first.parameters.clone();
             let own = parameters.len() - widths[0] - widths[1];
             parameters[own..own + widths[1]].copy_from_slice(&outputs[..widths[1]]);
-            Run { parameters, times: rows.map(|row| step * (row as f64 - start as f64)).collect(), inputs, outputs }
-        };
-        let cut: Vec<Run> = (0..pieces).map(piece).collect();
+            let times = rows.map(|row| step * (row as f64 - start as f64)).collect();
+            cut.push(Run { parameters, times, inputs, outputs });
+        }
         self.finished.splice(..1, cut);
         if moves {
             let first = format!("its first {longest} rows are given, as what was before its first run");
@@ -310,10 +311,10 @@ impl<'a> Runs<'a> {
         }
         let starts: Vec<f64> = self.recorded.inputs.iter().map(|input| input.start).collect();
         let y = |k: usize| &run.outputs[k * outputs..][..outputs];
-        let u = |k: usize| &run.inputs[k * inputs..][..inputs];
         let past = |k: usize| -> Vec<f64> {
             let of_outputs = (0..order).flat_map(|lag| y(k.saturating_sub(lag)));
-            let of_inputs = (0..order).flat_map(|lag| k.checked_sub(lag).map_or(&starts[..], u));
+            let of_inputs = (0..order)
+                .flat_map(|lag| k.checked_sub(lag).map_or(&starts[..], |k| &run.inputs[k * inputs..][..inputs]));
             of_outputs.chain(of_inputs).copied().collect()
         };
         let columns = order * signals;
@@ -337,8 +338,12 @@ impl<'a> Runs<'a> {
         let projected = sides.rows(0, columns + 1).into_owned();
         let Some(solution) = decomposition.r().solve_upper_triangular(&projected) else { return false };
         let errors = |k: usize, row: &[f64]| -> Vec<f64> {
-            let found = |output: usize| (0..=columns).map(|c| scaled(row, c) * solution[(c, output)]).sum::<f64>();
-            (0..outputs).map(|output| y(k + 1)[output] - y(k)[output] - found(output)).collect()
+            (0..outputs)
+                .map(|output| {
+                    let predicted = (0..=columns).map(|c| scaled(row, c) * solution[(c, output)]).sum::<f64>();
+                    y(k + 1)[output] - y(k)[output] - predicted
+                })
+                .collect()
         };
         let mut squares = vec![0.0; outputs];
         for (row, k) in known.iter().zip(order - 1..) {

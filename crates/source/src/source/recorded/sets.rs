@@ -5,7 +5,7 @@ use crate::{
     diagnostics::numbers::counted,
     sampling::{self, Sets, Stream},
 };
-use std::{fmt, ops::Range};
+use std::fmt;
 
 impl Recorded {
     /// The numbers of the runs of each set, in their order. Tests are the last parts of a record, and of several runs random ones.
@@ -22,9 +22,10 @@ impl Recorded {
         };
         let mut places = vec![0; count];
         order.iter().enumerate().for_each(|(place, &run)| places[run] = place);
-        let within = |range: Range<usize>| (0..count).filter(|run| range.contains(&places[*run])).collect();
         let (tests, bounds) = (test_runs, test_runs + calibration_runs);
-        Ok(Sets { train: within(bounds..count), test: within(0..tests), calibration: within(tests..bounds) })
+        let [train, test, calibration] = [bounds..count, 0..tests, tests..bounds]
+            .map(|range| (0..count).filter(|run| range.contains(&places[*run])).collect());
+        Ok(Sets { train, test, calibration })
     }
 }
 

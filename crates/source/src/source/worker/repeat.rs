@@ -30,9 +30,9 @@ impl Change {
 
     /// The largest change of a column.
     fn of_column(first: &[f64], again: &[f64], column: usize, width: usize) -> Option<Self> {
-        let values = || first.iter().skip(column).step_by(width).copied();
-        let range = values().fold(f64::NEG_INFINITY, f64::max) - values().fold(f64::INFINITY, f64::min);
-        let pairs = values().zip(again.iter().skip(column).step_by(width).copied()).enumerate();
+        let values = first.iter().skip(column).step_by(width).copied();
+        let range = values.clone().fold(f64::NEG_INFINITY, f64::max) - values.clone().fold(f64::INFINITY, f64::min);
+        let pairs = values.zip(again.iter().skip(column).step_by(width).copied()).enumerate();
         let changes = pairs
             .filter(|(_, (first, again))| first.to_bits() != again.to_bits())
             .map(|(row, (first, again))| Self { row, column, first, again, range });
