@@ -38,11 +38,11 @@ pub fn least(
     let mut step = 0;
     while step < steps {
         step += 1;
-        // numbers that stay at a bound
-        let is_free = |i: usize| {
-            !(point[i] <= bounds[i][0] && gradient[i] > 0.0 || point[i] >= bounds[i][1] && gradient[i] < 0.0)
-        };
-        let free = DVector::from_fn(count, |i, _| if is_free(i) { 1.0 } else { 0.0 });
+        // 0 for numbers that stay at a bound, else 1
+        let free = DVector::from_fn(count, |i, _| {
+            let stays = point[i] <= bounds[i][0] && gradient[i] > 0.0 || point[i] >= bounds[i][1] && gradient[i] < 0.0;
+            if stays { 0.0 } else { 1.0 }
+        });
         let slope = gradient.component_mul(&free);
         let mut direction = -(&inverse * &slope).component_mul(&free);
         if direction.dot(&slope) >= 0.0 {

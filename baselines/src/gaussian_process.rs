@@ -75,12 +75,9 @@ fn unsuitable_rows(message: &str) -> BaselineError {
 
 /// Logarithms of the lengths, and of the square of the noise, of the greatest likelihood of `kernel_rows` rows.
 fn parameters(model: &GaussianProcess, rows: &StandardizedRows, output: usize) -> Option<Vec<f64>> {
-    let inputs = rows.inputs as f64;
     let few = OutputRows::of(rows, output, model.kernel_rows.min(FIRST_ROWS));
-    let usual = |length: f64| (length * inputs.powf(0.25)).ln();
-    let start = |length: f64, noise: f64| [vec![usual(length); rows.inputs], vec![2.0 * noise.ln()]].concat();
-    let starts = FIRST_LENGTHS.map(|length| start(length, model.noise));
-    let noisy = (model.noise < NOISY_START).then(|| start(FIRST_LENGTHS[0], NOISY_START));
+    let starts = FIRST_LENGTHS.map(|length| uniform_start(rows.inputs, length, model.noise));
+    let noisy = (model.noise < NOISY_START).then(|| uniform_start(rows.inputs, FIRST_LENGTHS[0], NOISY_START));
     let first = starts.into_iter().chain(short_start(model, &few)).chain(noisy);
     let first = first.filter_map(|start| search(model, &few, start));
     let best = first.min_by(|a, b| a.value.total_cmp(&b.value))?;
@@ -89,6 +86,12 @@ fn parameters(model: &GaussianProcess, rows: &StandardizedRows, output: usize) -
     }
     let more = OutputRows::of(rows, output, model.kernel_rows);
     search(model, &more, best.point).map(|best| best.point)
+}
+
+/// Parameters with the same length for all inputs: a length for one input, scaled to their number.
+fn uniform_start(inputs: usize, length: f64, noise: f64) -> Vec<f64> {
+    let scaled = (length * (inputs as f64).powf(0.25)).ln();
+    [vec![scaled; inputs], vec![2.0 * noise.ln()]].concat()
 }
 
 /// The likeliest parameters near a start; none if the covariance is singular there.
@@ -103,13 +106,14 @@ fn search(model: &GaussianProcess, rows: &OutputRows, start: Vec<f64>) -> Option
 /// The likeliest start with short lengths: functions that change many times within the range of an input are noise to long ones.
 fn short_start(model: &GaussianProcess, rows: &OutputRows) -> Option<Vec<f64>> {
     let usual = FIRST_LENGTHS[0] * (rows.inputs as f64).powf(0.25);
-    let of_column = |column: usize, length: f64| {
-        let mut lengths = vec![usual.ln(); rows.inputs];
-        lengths[column] = length.ln();
-        lengths
-    };
     let columns = (0..rows.inputs).filter(|_| rows.inputs > 1);
-    let alone = columns.flat_map(|column| SHORT_LENGTHS.map(|length| of_column(column, length)));
+    let alone = columns.flat_map(|column| {
+        SHORT_LENGTHS.map(|length| {
+            let mut lengths = vec![usual.ln(); rows.inputs];
+            lengths[column] = length.ln();
+            lengths
+        })
+    });
     let all = SHORT_LENGTHS.map(|length| vec![length.ln(); rows.inputs]);
     let rated = all.into_iter().chain(alone).filter_map(|lengths| {
         let start = [lengths, vec![2.0 * model.noise.ln()]].concat();
@@ -159,12 +163,12 @@ impl Process {
         let (noise, lengths) = parameters.split_last()?;
         let inverse: Vec<f64> = lengths.iter().map(|length| (-length).exp()).collect();
         let scaled: Vec<f64> = rows.x.iter().zip(inverse.iter().cycle()).map(|(x, inverse)| x * inverse).collect();
-        let row = |index: usize| &scaled[index * rows.inputs..][..rows.inputs];
+        let points: Vec<&[f64]> = scaled.chunks_exact(rows.inputs).collect();
         let count = rows.len();
         let mut kernel = DMatrix::identity(count, count);
         for column in 0..count {
             for below in column + 1..count {
-                let square: f64 = row(below).iter().zip(row(column)).map(|(a, b)| (a - b) * (a - b)).sum();
+                let square: f64 = points[below].iter().zip(points[column]).map(|(a, b)| (a - b) * (a - b)).sum();
                 kernel[(below, column)] = (-0.5 * square).exp();
             }
         }

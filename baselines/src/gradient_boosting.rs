@@ -32,11 +32,10 @@ impl Baseline for GradientBoosting {
             for tree in trees {
                 let root = u32::try_from(forest.nodes.len()).map_err(BaselineError::too_many_nodes)?;
                 forest.trees.push(Tree { root, output });
-                let moved = |node: Node| Node {
+                forest.nodes.extend(tree.into_iter().map(|node| Node {
                     below: node.below.map(|below| if node.column == LEAF { 0 } else { root + below }),
                     ..node
-                };
-                forest.nodes.extend(tree.into_iter().map(moved));
+                }));
             }
         }
         Ok(Fitted::Formula(Graph::of_forest(&rows.scaling, forest)))
@@ -106,8 +105,8 @@ impl BinnedInputs {
         let columns = rows.inputs;
         let edges: Vec<Vec<f64>> =
             (0..columns).map(|column| edges(rows.x.iter().skip(column).step_by(columns).copied().collect())).collect();
-        let bin = |(place, value): (usize, &f64)| edges[place % columns].partition_point(|edge| edge < value) as u8;
-        let bins = rows.x.iter().enumerate().map(bin).collect();
+        let values = rows.x.iter().zip(edges.iter().cycle());
+        let bins = values.map(|(value, edges)| edges.partition_point(|edge| edge < value) as u8).collect();
         Self { edges, bins }
     }
 
@@ -138,18 +137,16 @@ impl BinnedInputs {
 /// Ends between bins of about as many values each, in the middle between two values; values that differ by rounding are in one bin.
 fn edges(mut values: Vec<f64>) -> Vec<f64> {
     values.sort_unstable_by(f64::total_cmp);
-    let gaps = |place: &usize| values[*place] - values[place - 1] > 4.0 * MARGIN;
-    let places: Vec<usize> = (1..values.len()).filter(gaps).collect();
-    let edge = |place: usize| 0.5 * (values[place - 1] + values[place]) + MARGIN;
-    if places.len() < BINS {
-        return places.into_iter().map(edge).collect();
+    let mut places: Vec<usize> =
+        (1..values.len()).filter(|place| values[*place] - values[place - 1] > 4.0 * MARGIN).collect();
+    if places.len() >= BINS {
+        // the next place between values that differ, from each quantile on
+        places = (1..BINS)
+            .filter_map(|bin| places.get(places.partition_point(|place| *place < bin * values.len() / BINS)).copied())
+            .collect();
+        places.dedup();
     }
-    // the next place between values that differ, from each quantile on
-    let mut found: Vec<usize> = (1..BINS)
-        .filter_map(|bin| places.get(places.partition_point(|place| *place < bin * values.len() / BINS)).copied())
-        .collect();
-    found.dedup();
-    found.into_iter().map(edge).collect()
+    places.into_iter().map(|place| 0.5 * (values[place - 1] + values[place]) + MARGIN).collect()
 }
 
 /// Sum of the residual over rows, and their number.
@@ -181,11 +178,10 @@ struct Split {
 
 impl NodeHistogram {
     fn total(&self) -> ResidualSum {
-        let add = |sum: ResidualSum, bin: &ResidualSum| ResidualSum {
+        self.0[..BINS].iter().fold(ResidualSum::default(), |sum, bin| ResidualSum {
             residual: sum.residual + bin.residual,
             rows: sum.rows + bin.rows,
-        };
-        self.0[..BINS].iter().fold(ResidualSum::default(), add)
+        })
     }
 
     /// Value of a leaf before shrinkage.

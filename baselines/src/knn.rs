@@ -19,12 +19,11 @@ impl Baseline for Knn {
         let tree = CoverTree::new(points, Distances::euclidian()).map_err(BaselineError::library)?;
         let memory_bytes = (size_of_val(rows.x.as_slice()) + size_of_val(rows.y.as_slice())) as u64;
         let y = rows.y.clone();
-        let predict = move |x: &[f64]| {
-            let at = |point: &[f64]| mean(&tree, point, neighbors, &y, outputs);
-            x.chunks(inputs).map(at).collect::<Result<Vec<Vec<f64>>, BaselineError>>().map(|rows| rows.concat())
-        };
         Ok(Fitted::Library(LibraryModel {
-            predict: Box::new(predict),
+            predict: Box::new(move |x: &[f64]| {
+                let rows = x.chunks(inputs).map(|point| mean(&tree, point, neighbors, &y, outputs));
+                rows.collect::<Result<Vec<Vec<f64>>, BaselineError>>().map(|rows| rows.concat())
+            }),
             memory_bytes,
             not_exportable: "an FMU of it would carry every training row and search them in each step",
         }))

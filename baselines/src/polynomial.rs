@@ -100,12 +100,12 @@ pub fn degrees(inputs: usize, degree: u8, most: usize) -> Result<Vec<u8>, Baseli
 
 /// Middle and half width of the range of each standardized input.
 fn ranges(rows: &StandardizedRows) -> (Vec<f64>, Vec<f64>) {
-    let range = |column: usize| {
+    let ranges = (0..rows.inputs).map(|column| {
         let values = rows.x.iter().skip(column).step_by(rows.inputs);
         let (min, max) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(min, max), &z| (min.min(z), max.max(z)));
         (0.5 * (min + max), if max > min { 0.5 * (max - min) } else { 1.0 })
-    };
-    (0..rows.inputs).map(range).unzip()
+    });
+    ranges.unzip()
 }
 
 /// The scaling that maps the ranges of the inputs to `[-1, 1]`.

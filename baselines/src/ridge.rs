@@ -9,20 +9,20 @@ use ndarray::{Array1, Array2, ShapeBuilder};
 impl Baseline for Ridge {
     fn fit(&self, rows: &StandardizedRows, _: u64) -> Result<Fitted, BaselineError> {
         let (count, inputs) = (rows.len(), rows.inputs);
-        let mean = |values: &mut dyn Iterator<Item = f64>| values.sum::<f64>() / count as f64;
-        let column = |column: usize| rows.x.iter().skip(column).step_by(inputs).copied();
-        let x_means: Vec<f64> = (0..inputs).map(|index| mean(&mut column(index))).collect();
+        let x_means = (0..inputs).map(|index| rows.x.iter().skip(index).step_by(inputs).sum::<f64>() / count as f64);
+        let x_means: Vec<f64> = x_means.collect();
         let penalty = (count as f64 * self.alpha).sqrt();
         let columns = (0..inputs).flat_map(|index| {
             let added = (0..inputs).map(move |row| if row == index { penalty } else { 0.0 });
+            let column = rows.x.iter().skip(index).step_by(inputs);
             let mean = x_means[index];
-            column(index).map(move |z| z - mean).chain(added)
+            column.map(move |z| z - mean).chain(added)
         });
         let x = Array2::from_shape_vec((count + inputs, inputs).f(), columns.collect());
         let x = x.map_err(BaselineError::library)?;
         let fits = for_each_output(rows, |output| {
             let y = rows.output(output);
-            let y_mean = mean(&mut y.iter().copied());
+            let y_mean = y.iter().sum::<f64>() / count as f64;
             let y = y.iter().map(|y| y - y_mean).chain(std::iter::repeat_n(0.0, inputs));
             let data = DatasetBase::new(x.view(), y.collect::<Array1<f64>>());
             let fitted = LinearRegression::new().with_intercept(false).fit(&data).map_err(BaselineError::library)?;

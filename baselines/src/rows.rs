@@ -41,10 +41,9 @@ impl StandardizedRows {
     /// Some of the rows, in this order.
     #[must_use]
     pub fn choose(&self, chosen: &[usize]) -> Self {
-        let pick = |values: &[f64], width: usize| {
-            chosen.iter().flat_map(|&row| &values[row * width..][..width]).copied().collect()
-        };
-        Self { x: pick(&self.x, self.inputs), y: pick(&self.y, self.outputs), ..self.without_rows() }
+        let x = chosen.iter().flat_map(|&row| &self.x[row * self.inputs..][..self.inputs]);
+        let y = chosen.iter().flat_map(|&row| &self.y[row * self.outputs..][..self.outputs]);
+        Self { x: x.copied().collect(), y: y.copied().collect(), ..self.without_rows() }
     }
 
     fn without_rows(&self) -> Self {

@@ -11,6 +11,7 @@ use super::{OutputRows, Process, parameters};
 use crate::{StandardizedRows, for_each_output};
 use metafmu_core::study::baselines::GaussianProcess;
 use nalgebra::{DMatrix, DVector};
+use std::cmp::Ordering;
 
 /// Places of a design, in standardized inputs.
 pub struct DesignPlaces {
@@ -37,17 +38,13 @@ impl PlaceCovariances {
         let (noise, lengths) = parameters.split_last()?;
         let inputs = rows.inputs;
         let inverse: Vec<f64> = lengths.iter().map(|length| (-length).exp()).collect();
-        let kernel = |a: &[f64], b: &[f64]| -> f64 {
-            let differences = a.iter().zip(b).zip(&inverse).map(|((a, b), inverse)| (a - b) * inverse);
-            (-0.5 * differences.map(|difference| difference * difference).sum::<f64>()).exp()
-        };
-        let place = |index: usize| &x[index * inputs..][..inputs];
-        let count = x.len() / inputs;
-        let mut beside = DMatrix::from_fn(all.len(), count, |row, index| kernel(all.row(row), place(index)));
+        let places: Vec<&[f64]> = x.chunks_exact(inputs).collect();
+        let count = places.len();
+        let mut beside = DMatrix::from_fn(all.len(), count, |row, place| kernel(all.row(row), places[place], &inverse));
         if !process.covariance.l_dirty().solve_lower_triangular_mut(&mut beside) {
             return None;
         }
-        let mut matrix = DMatrix::from_fn(count, count, |a, b| kernel(place(a), place(b)));
+        let mut matrix = DMatrix::from_fn(count, count, |a, b| kernel(places[a], places[b], &inverse));
         matrix.gemm_tr(-1.0, &beside, &beside, 1.0);
         Some(Self { matrix, noise: noise.exp(), variance: process.variance })
     }
@@ -65,6 +62,32 @@ impl PlaceCovariances {
     }
 }
 
+/// Gaussian kernel between two points, by the inverse of the length of each input.
+fn kernel(a: &[f64], b: &[f64], inverse: &[f64]) -> f64 {
+    let differences = a.iter().zip(b).zip(inverse).map(|((a, b), inverse)| (a - b) * inverse);
+    (-0.5 * differences.map(|difference| difference * difference).sum::<f64>()).exp()
+}
+
+fn squared_distance(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum()
+}
+
+/// A place that may be chosen next.
+struct OpenPlace {
+    index: usize,
+    gain: f64,
+    /// Square of the distance from the nearest row or chosen place.
+    distance: f64,
+}
+
+impl OpenPlace {
+    /// Order of preference, the best one last.
+    fn compare(&self, other: &Self) -> Ordering {
+        let by_gain = self.gain.total_cmp(&other.gain);
+        by_gain.then(self.distance.total_cmp(&other.distance)).then(other.index.cmp(&self.index))
+    }
+}
+
 /// Numbers of `count` places, none of them planned, in the order in which they reduce the variance. Of places with equal gains the farthest from all
 /// rows is taken: without a process, which constant outputs and too few rows have not, points are only spread.
 pub fn design_points(
@@ -75,31 +98,32 @@ pub fn design_points(
 ) -> Vec<usize> {
     let DesignPlaces { x, planned } = places;
     let inputs = rows.inputs;
-    let place = |index: usize| &x[index * inputs..][..inputs];
-    let of_output = |output| Ok(PlaceCovariances::of(model, rows, output, x));
-    let found = if rows.len() < 2 { Ok(Vec::new()) } else { for_each_output(rows, of_output) };
-    let mut covariances: Vec<PlaceCovariances> = found.unwrap_or_default().into_iter().flatten().collect();
-    let distance = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f64>();
-    let nearest = |index: usize| {
-        rows.x.chunks_exact(inputs).fold(f64::INFINITY, |near, row| near.min(distance(row, place(index))))
+    let places: Vec<&[f64]> = x.chunks_exact(inputs).collect();
+    let by_output = match rows.len() {
+        0 | 1 => Vec::new(),
+        _ => for_each_output(rows, |output| Ok(PlaceCovariances::of(model, rows, output, x))).unwrap_or_default(),
     };
-    let mut distances: Vec<f64> = (0..x.len() / inputs).map(nearest).collect();
+    let mut covariances: Vec<PlaceCovariances> = by_output.into_iter().flatten().collect();
+    let distances = places.iter().map(|place| {
+        let rows = rows.x.chunks_exact(inputs);
+        rows.fold(f64::INFINITY, |near, row| near.min(squared_distance(row, place)))
+    });
+    let mut distances: Vec<f64> = distances.collect();
     let mut chosen = Vec::with_capacity(count);
     for step in 0..planned + count {
         let next = if step < *planned {
             Some(step)
         } else {
-            let open = (*planned..distances.len()).filter(|index| distances[*index] > 0.0);
-            let scored = open.map(|index| (covariances.iter().map(|of| of.gain(index)).sum::<f64>(), index));
-            let order = |a: &(f64, usize), b: &(f64, usize)| {
-                a.0.total_cmp(&b.0).then(distances[a.1].total_cmp(&distances[b.1])).then(b.1.cmp(&a.1))
-            };
-            scored.filter(|(gain, _)| gain.is_finite()).max_by(order).map(|(_, index)| index)
+            let open = (*planned..distances.len()).filter(|index| distances[*index] > 0.0).map(|index| {
+                let gain = covariances.iter().map(|of| of.gain(index)).sum();
+                OpenPlace { index, gain, distance: distances[index] }
+            });
+            open.filter(|place| place.gain.is_finite()).max_by(OpenPlace::compare).map(|place| place.index)
         };
         let Some(next) = next else { break };
         covariances.iter_mut().for_each(|of| of.condition(next));
         for (index, near) in distances.iter_mut().enumerate() {
-            *near = near.min(distance(place(next), place(index)));
+            *near = near.min(squared_distance(places[next], places[index]));
         }
         if step >= *planned {
             chosen.push(next);

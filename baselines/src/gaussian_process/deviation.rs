@@ -54,14 +54,14 @@ fn largest_rounding(
 ) -> f64 {
     let whitened = whitening.tr_mul(kernel);
     let inverse = whitening * whitening.transpose();
-    let error = |row: usize| {
+    let errors = (0..kernel.nrows()).map(|row| {
         let of_mean = trend_origin - trend.dot(&kernel.column(row));
         let found = (1.0 - whitened.column(row).norm_squared()) + (of_mean * of_mean + noise);
         let known = noise * (2.0 - noise * inverse[(row, row)]) + (noise * trend[row]).powi(2);
         let beside = f64::EPSILON * inverse.column(row).norm_squared() / inverse[(row, row)].powi(2);
         (found - known).abs().max(beside)
-    };
-    (0..kernel.nrows()).map(error).fold(0.0, f64::max)
+    });
+    errors.fold(0.0, f64::max)
 }
 
 #[cfg(test)]
