@@ -470,7 +470,7 @@ fn acceleration_samples(trajectories: &[Trajectory], chosen: fn(usize) -> Range<
         let labels = trajectory.accelerations();
         let (n, m, rows) = (trajectory.coordinates, trajectory.inputs(), trajectory.rows());
         // differences at the ends are worse
-        for row in chosen(rows).filter(|row| (3..rows - 3).contains(row)) {
+        for row in chosen(rows).filter(|row| (3..rows.saturating_sub(3)).contains(row)) {
             let (u, q, v) =
                 (&trajectory.u[row * m..][..m], &trajectory.q[row * n..][..n], &trajectory.v[row * n..][..n]);
             samples.points.push(&[&trajectory.parameters, u, q, v].concat());

@@ -19,9 +19,9 @@ use std::{borrow::Cow, path::Path};
 /// The program must call [`serve`](super::serve) when its first argument is [`ARGUMENT`](super::ARGUMENT).
 ///
 /// # Errors
-/// - [`Error::Worker`]: an FMU failed, their process ended, or it took longer than the limit;
-/// - [`Error::Interrupted`];
-/// - those of the sink, and [`Error::Io`] if no process can be started.
+/// - [`Error::Worker`](crate::Error::Worker): an FMU failed, their process ended, or it took longer than the limit;
+/// - [`Error::Interrupted`](crate::Error::Interrupted);
+/// - those of the sink, and [`Error::Io`](crate::Error::Io) if no process can be started.
 pub fn run_system_apart(path: &Path, run: &SystemRun, watch: Watch, sink: &mut impl RowSink) -> Result<bool> {
     let job = Job::System(Cow::Borrowed(run));
     // should this process be killed, the other FMUs' folders are removed when another is unpacked
