@@ -22,15 +22,15 @@ use crate::{
     project::{Event, Project},
     scaling,
     source::Source,
-    study::DiscreteModel,
+    study::{DiscreteModel, Study},
     surrogate,
     training::{EpochRecord, StopReason},
 };
 use cross_validation::cross_validation;
 use dead_time::DeadTimes;
 use direct::DirectEffects;
-use metafmu_runtime::{Clock, Graph, Program, Sampling, Scaling, Support, Surrogate};
-use std::time::Instant;
+use metafmu_runtime::{Clock, Graph, Program, Rows, Sampling, Scaling, Support, Surrogate};
+use std::{borrow::Cow, time::Instant};
 
 /// Error on held-out runs that is too small to be luck.
 const SURE: f64 = 1e-3;
@@ -44,109 +44,34 @@ impl LearningMethod for DiscreteModels {
     }
 }
 
-/// Learns the candidates, keeps the one whose simulations of the held-out runs are best.
+/// Learns the kinds of model, and exports the one whose simulations of the held-out runs are best.
 fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
     let study = &project.study;
     let began = Instant::now();
-    let drives = project.source.drives();
-    let dead_times = DeadTimes::of(study.time.step, dataset);
-    if let Some(found) = dead_times.describe(dataset) {
-        project.event(Event::Note(format_args!("dead time: {found}")));
-    }
-    let late = dead_times.shifted(dataset);
-    let direct = DirectEffects::of(study.time.step, &late, &dead_times);
-    if let Some(found) = direct.describe(dataset) {
-        project.event(Event::Note(format_args!("direct effects: {found}")));
-    }
-    let late = direct.removed(late);
-    let samples = DiscreteSamples::new(study.time.step, &late, prepare::split(&late.runs, &study.training, study.seed));
-    let validation = held_out(study, dataset);
-    let with_support = |one: &LearnedDiscrete, support: Option<Support>| {
-        let history = [one.past[0], one.past[1] + dead_times.longest()];
-        let numbers = one.past[0] * (dataset.outputs.len() + one.hidden.len());
-        let graph = dead_times.delayed(&one.graph, numbers, one.past[1]);
-        let sampling = Sampling {
-            hidden: one.hidden.clone(),
-            direct: direct.matrix().to_vec(),
-            history,
-            step: samples.step,
-            support,
-        };
-        let program = Program { graph, clock: Clock::Sampled(Box::new(sampling)) };
-        surrogate::assemble_discrete(study, (dataset, samples.rows()), &drives, program)
+    let effects = InputEffects::of(project, dataset);
+    let delayed = effects.removed(dataset);
+    let runs = prepare::split(&delayed.runs, &study.training, study.seed);
+    let samples = DiscreteSamples::new(study.time.step, &delayed, runs);
+    let assembly = SampledAssembly {
+        study,
+        dataset,
+        drives: project.source.drives(),
+        effects: &effects,
+        step: samples.step,
+        rows: samples.rows(),
     };
-    let assembled = |one: &LearnedDiscrete| with_support(one, None);
-    let mut learned: Vec<LearnedKind> = Vec::new();
-    let mut is_stopped = false;
-    for kind in DiscreteModel::ALL {
-        if study.discrete.model.is_some_and(|wanted| wanted != kind) {
-            continue;
-        }
-        let start = Instant::now();
-        let has_earlier = learned.iter().any(|other| !other.model.history.is_empty());
-        let Some(found) = unless_interrupted(project, samples.learn(project, kind), has_earlier)? else {
-            is_stopped = true;
-            break;
-        };
-        let simulated = |one: LearnedDiscrete| {
-            let surrogate = assembled(&one)?;
-            Ok((error(&Accuracy::of(&surrogate, &validation)), surrogate, one))
-        };
-        let found = found.into_iter().map(simulated).collect::<Result<Vec<_>>>()?;
-        let best = found.into_iter().min_by(|(a, ..), (b, ..)| a.total_cmp(b));
-        let Some((error, surrogate, model)) = best else { continue };
-        let candidate = Candidate { name: kind.name().into(), error, seconds: start.elapsed().as_secs_f64() };
-        let was_interrupted = model.stopped == StopReason::Interrupted;
-        learned.push(LearnedKind { kind, candidate, surrogate, model });
-        if was_interrupted {
-            break;
-        }
-    }
-    if learned.is_empty() {
-        return Err(study.refusal("discrete.model", "the samples determine no polynomial: more runs, or another model"));
-    }
-    learned.sort_by(|a, b| a.candidate.error.total_cmp(&b.candidate.error));
-    let candidates = learned.iter().map(|one| one.candidate.clone()).collect();
-    let mut was_interrupted = is_stopped || learned.iter().any(|one| one.model.stopped == StopReason::Interrupted);
-    let mut best = 0;
-    // runs that ended the training of a network, or chose a polynomial, are no longer unseen
-    let states = learned.iter().position(|one| one.model.unseen.is_some());
-    let is_compared = dataset.runs.len() >= cross_validation::PARTS && learned[0].candidate.error > SURE;
-    let compared = states.filter(|_| is_compared).and_then(|place| Some((place, learned[place].model.unseen?)));
-    if let Some((place, mut least)) = compared {
-        best = place;
-        for (other, one) in learned[..place].iter().enumerate() {
-            let Some(found) = cross_validation(project, [dataset, &late], one.kind, &assembled)? else {
-                was_interrupted = true;
-                break;
-            };
-            project.event(Event::Note(format_args!(
-                "{}: error {found:.2e} in a cross-validation, {}: {least:.2e}",
-                one.candidate.name, learned[best].candidate.name
-            )));
-            if found < least {
-                (best, least) = (other, found);
-            }
-        }
-    }
-    let LearnedKind { kind, candidate: Candidate { name, .. }, surrogate, model: one } = learned.swap_remove(best);
-    let surrogate = one.refitted.as_deref().map_or(Ok(surrogate), assembled)?;
-    let exported = one.refitted.as_deref().unwrap_or(&one);
-    // an FMU as source holds its inputs between samples, so a polynomial of one past sample is valid for any signal. Between the rows of a table
-    // inputs are unknown, and a network is valid near its training data only
-    let inputs = exported.past[1] + dead_times.longest() > 1
-        || !exported.hidden.is_empty()
-        || kind == DiscreteModel::Feedback
-        || matches!(project.source, Source::Recorded(_));
-    let ranges = drives.iter().map(|(_, range)| *range);
-    let support = support::support(study, dataset, &direct, (&surrogate, inputs), ranges);
-    let surrogate = with_support(exported, Some(support))?;
-    let stopped = if was_interrupted { StopReason::Interrupted } else { one.stopped };
+    let validation = held_out(study, dataset);
+    let LearnedKinds { mut kinds, was_interrupted } = learn_kinds(project, &samples, &assembly, &validation)?;
+    let candidates = kinds.iter().map(|learned| learned.candidate.clone()).collect();
+    let choice = choose(project, &kinds, &assembly, &delayed)?;
+    let LearnedKind { kind, candidate, surrogate, model } = kinds.swap_remove(choice.best);
+    let surrogate = assembly.supported(project, kind, &model, surrogate)?;
+    let stopped = if was_interrupted || choice.was_interrupted { StopReason::Interrupted } else { model.stopped };
     let record = TrainingRecord {
         train_rows: samples.rows(),
         validation_runs: validation.runs.len(),
-        epochs: one.history.len(),
-        best_epoch: one.best_epoch,
+        epochs: model.history.len(),
+        best_epoch: model.best_epoch,
         stopped,
         train_seconds: began.elapsed().as_secs_f64(),
         processor_seconds: None,
@@ -154,8 +79,8 @@ fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
         target_met: None,
         method: Some(MethodRecord::Discrete(DiscreteRecord {
             candidates,
-            exported: name,
-            history: [one.past[0], one.past[1] + dead_times.longest()],
+            exported: candidate.name,
+            history: effects.history(&model),
         })),
     };
     project.finish(format_args!(
@@ -164,7 +89,196 @@ fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
         record.train_seconds,
         record.method.as_ref().map_or(String::new(), MethodRecord::describe)
     ));
-    Ok(Trained { surrogate, history: one.history, record })
+    Ok(Trained { surrogate, history: model.history, record })
+}
+
+/// Effects of inputs that models of past samples do not learn: they are removed from the runs, and added to the surrogate.
+struct InputEffects {
+    dead_times: DeadTimes,
+    direct: DirectEffects,
+}
+
+impl InputEffects {
+    /// The effects in a data set, which are reported.
+    fn of(project: &Project, dataset: &Dataset) -> Self {
+        let step = project.study.time.step;
+        let dead_times = DeadTimes::of(step, dataset);
+        if let Some(delays) = dead_times.describe(dataset) {
+            project.event(Event::Note(format_args!("dead time: {delays}")));
+        }
+        let direct = DirectEffects::of(step, &dead_times.shifted(dataset), &dead_times);
+        if let Some(acting) = direct.describe(dataset) {
+            project.event(Event::Note(format_args!("direct effects: {acting}")));
+        }
+        Self { dead_times, direct }
+    }
+
+    /// Runs without the effects.
+    fn removed<'a>(&self, dataset: &'a Dataset) -> Cow<'a, Dataset> {
+        self.direct.removed(self.dead_times.shifted(dataset))
+    }
+
+    /// Number of past samples of the outputs and of the inputs that a surrogate with the effects needs.
+    fn history(&self, model: &LearnedDiscrete) -> [usize; 2] {
+        [model.past[0], model.past[1] + self.dead_times.longest()]
+    }
+}
+
+/// Assembly of surrogates from models of the next sample.
+struct SampledAssembly<'a> {
+    study: &'a Study,
+    dataset: &'a Dataset,
+    /// Start and range of each input.
+    drives: Vec<(f64, [f64; 2])>,
+    effects: &'a InputEffects,
+    step: f64,
+    /// Rows that models are learned from.
+    rows: usize,
+}
+
+impl SampledAssembly<'_> {
+    /// The surrogate of a model, valid in the ranges of its variables.
+    fn surrogate(&self, model: &LearnedDiscrete) -> Result<Surrogate> {
+        self.with_support(model, None)
+    }
+
+    fn with_support(&self, model: &LearnedDiscrete, support: Option<Support>) -> Result<Surrogate> {
+        let numbers = model.past[0] * (self.dataset.outputs.len() + model.hidden.len());
+        let graph = self.effects.dead_times.delayed(&model.graph, numbers, model.past[1]);
+        let sampling = Sampling {
+            hidden: model.hidden.clone(),
+            direct: self.effects.direct.matrix().to_vec(),
+            history: self.effects.history(model),
+            step: self.step,
+            support,
+        };
+        let program = Program { graph, clock: Clock::Sampled(Box::new(sampling)) };
+        surrogate::assemble_discrete(self.study, (self.dataset, self.rows), &self.drives, program)
+    }
+
+    /// The surrogate that is exported: of the model that was fitted to all runs, if there is one, and valid near the transitions of the runs.
+    /// `surrogate` is that of the model itself.
+    fn supported(
+        &self,
+        project: &Project,
+        kind: DiscreteModel,
+        model: &LearnedDiscrete,
+        surrogate: Surrogate,
+    ) -> Result<Surrogate> {
+        let (exported, surrogate) = match model.refitted.as_deref() {
+            Some(refitted) => (refitted, self.surrogate(refitted)?),
+            None => (model, surrogate),
+        };
+        // an FMU as source holds its inputs between samples, so a polynomial of one past sample is valid for any signal. Between the rows of a
+        // table inputs are unknown, and a network is valid near its training data only
+        let inputs = self.effects.history(exported)[1] > 1
+            || !exported.hidden.is_empty()
+            || kind == DiscreteModel::Feedback
+            || matches!(project.source, Source::Recorded(_));
+        let ranges = self.drives.iter().map(|(_, range)| *range);
+        let support = support::support(self.study, self.dataset, &self.effects.direct, (&surrogate, inputs), ranges);
+        self.with_support(exported, Some(support))
+    }
+}
+
+/// The best model of each kind, those with the smallest errors first.
+struct LearnedKinds {
+    kinds: Vec<LearnedKind>,
+    /// `true` if Ctrl-C ended a kind, or left out the others.
+    was_interrupted: bool,
+}
+
+/// Learns the best model of each kind that the study wants.
+fn learn_kinds(
+    project: &Project,
+    samples: &DiscreteSamples,
+    assembly: &SampledAssembly,
+    validation: &Dataset,
+) -> Result<LearnedKinds> {
+    let study = &project.study;
+    let mut kinds: Vec<LearnedKind> = Vec::new();
+    let mut was_interrupted = false;
+    for kind in DiscreteModel::ALL.into_iter().filter(|kind| study.discrete.model.is_none_or(|model| model == *kind)) {
+        let start = Instant::now();
+        let has_network = kinds.iter().any(|learned| !learned.model.history.is_empty());
+        let Some(models) = unless_interrupted(project, samples.learn(project, kind), has_network)? else {
+            was_interrupted = true;
+            break;
+        };
+        let Some(SimulatedModel { error, surrogate, model }) = best_of(models, assembly, validation)? else { continue };
+        was_interrupted = model.stopped == StopReason::Interrupted;
+        let candidate = Candidate { name: kind.name().into(), error, seconds: start.elapsed().as_secs_f64() };
+        kinds.push(LearnedKind { kind, candidate, surrogate, model });
+        if was_interrupted {
+            break;
+        }
+    }
+    if kinds.is_empty() {
+        return Err(study.refusal("discrete.model", "the samples determine no polynomial: more runs, or another model"));
+    }
+    kinds.sort_by(|a, b| a.candidate.error.total_cmp(&b.candidate.error));
+    Ok(LearnedKinds { kinds, was_interrupted })
+}
+
+/// A model with its surrogate, and the error of that in simulations.
+struct SimulatedModel {
+    error: f64,
+    surrogate: Surrogate,
+    model: LearnedDiscrete,
+}
+
+/// The model whose simulations of the held-out runs are best; none of no model.
+fn best_of(
+    models: Vec<LearnedDiscrete>,
+    assembly: &SampledAssembly,
+    validation: &Dataset,
+) -> Result<Option<SimulatedModel>> {
+    let mut best: Option<SimulatedModel> = None;
+    for model in models {
+        let surrogate = assembly.surrogate(&model)?;
+        let error = error(&Accuracy::of(&surrogate, validation));
+        if best.as_ref().is_none_or(|best| error.total_cmp(&best.error).is_lt()) {
+            best = Some(SimulatedModel { error, surrogate, model });
+        }
+    }
+    Ok(best)
+}
+
+/// The kind that is exported.
+struct KindChoice {
+    /// Its position among the kinds.
+    best: usize,
+    /// `true` if Ctrl-C ended the choice.
+    was_interrupted: bool,
+}
+
+/// Chooses the kind that is exported: the first, unless a kind after it was chosen by a cross-validation, which those before have to pass then.
+/// Runs that ended the training of a network, or chose a polynomial, are no longer unseen.
+fn choose(
+    project: &Project,
+    kinds: &[LearnedKind],
+    assembly: &SampledAssembly,
+    delayed: &Dataset,
+) -> Result<KindChoice> {
+    let mut choice = KindChoice { best: 0, was_interrupted: false };
+    let validated = kinds.iter().enumerate().find_map(|(place, learned)| Some((place, learned.model.unseen?)));
+    let is_compared = assembly.dataset.runs.len() >= cross_validation::PARTS && kinds[0].candidate.error > SURE;
+    let Some((place, mut least)) = validated.filter(|_| is_compared) else { return Ok(choice) };
+    choice.best = place;
+    for (position, learned) in kinds[..place].iter().enumerate() {
+        let Some(error) = cross_validation(project, delayed, learned.kind, assembly)? else {
+            choice.was_interrupted = true;
+            break;
+        };
+        project.event(Event::Note(format_args!(
+            "{}: error {error:.2e} in a cross-validation, {}: {least:.2e}",
+            learned.candidate.name, kinds[choice.best].candidate.name
+        )));
+        if error < least {
+            (choice.best, least) = (position, error);
+        }
+    }
+    Ok(choice)
 }
 
 /// Root mean square error in simulations, relative to the standard deviation, of the worst output.
@@ -231,8 +345,8 @@ struct DiscreteSamples<'a> {
 
 /// Regressors of all samples of some runs, standardized: `[samples, columns]`, and the outputs that follow.
 struct Regressors {
-    inputs: Vec<Vec<f64>>,
-    outputs: Vec<Vec<f64>>,
+    inputs: Rows,
+    outputs: Rows,
     /// Number of samples of each run.
     lengths: Vec<usize>,
 }
@@ -249,20 +363,12 @@ impl<'a> DiscreteSamples<'a> {
         let [inputs, outputs] = [dataset.inputs.len(), dataset.outputs.len()];
         // what inputs and outputs were before the start are parameters too
         let counts = [dataset.parameters.len() - inputs - outputs, inputs, outputs];
-        let rows = |of: fn(&Run) -> &[f64], count: usize| -> ColumnMoments {
-            let rows: Vec<Vec<f64>> =
-                training.iter().flat_map(|run| of(run).chunks(count.max(1)).map(<[f64]>::to_vec)).collect();
-            scaling::of_columns(&rows)
-        };
-        let points: Vec<Vec<f64>> = training.iter().map(|run| run.parameters[..counts[0]].to_vec()).collect();
-        let scales =
-            [scaling::of_columns(&points), rows(|run| &run.inputs, counts[1]), rows(|run| &run.outputs, counts[2])];
-        // before a run from rest nothing moved, whatever the number
-        let known = |run: &&Run| match run.times.partition_point(|time| *time < 0.0) {
-            0 => usize::MAX,
-            given => given + 1,
-        };
-        let known = training.iter().chain(&validation).copied().map(|run| known(&run)).min().unwrap_or(usize::MAX);
+        let scales = [
+            scaling::of_columns(training.iter().map(|run| &run.parameters[..counts[0]])),
+            scaling::of_columns(training.iter().flat_map(|run| run.inputs.chunks(inputs.max(1)))),
+            scaling::of_columns(training.iter().flat_map(|run| run.outputs.chunks(outputs.max(1)))),
+        ];
+        let known = training.iter().chain(&validation).map(|run| known_samples(run)).min().unwrap_or(usize::MAX);
         Self { counts, step, training, validation, scales, known }
     }
 
@@ -292,7 +398,8 @@ impl<'a> DiscreteSamples<'a> {
     fn regressors(&self, runs: &[&Run], history: [usize; 2]) -> Regressors {
         let [parameters, inputs, outputs] = self.counts;
         let [of_parameters, of_inputs, of_outputs] = &self.scales;
-        let mut found = Regressors { inputs: Vec::new(), outputs: Vec::new(), lengths: Vec::new() };
+        let mut regressors = Regressors { inputs: Rows::default(), outputs: Rows::default(), lengths: Vec::new() };
+        let mut row = Vec::new();
         for run in runs {
             let (p, starts) = run.parameters.split_at(parameters);
             let (outputs_before, inputs_before) = starts.split_at(outputs);
@@ -300,9 +407,9 @@ impl<'a> DiscreteSamples<'a> {
             // before the first row of a run that begins at rest nothing moved; of others nothing is known
             let first = if run.times[0] < 0.0 { history[0].max(history[1]).saturating_sub(1) } else { 0 };
             let first = first.min(samples);
-            found.lengths.push(samples - first);
+            regressors.lengths.push(samples - first);
             for k in first..samples {
-                let mut row = Vec::new();
+                row.clear();
                 for lag in 0..history[0] {
                     let sample = k.checked_sub(lag).map_or(outputs_before, |k| &run.outputs[k * outputs..][..outputs]);
                     row.extend(standardized(sample, of_outputs));
@@ -312,24 +419,33 @@ impl<'a> DiscreteSamples<'a> {
                     row.extend(standardized(sample, of_inputs));
                 }
                 row.extend(standardized(p, of_parameters));
-                found.inputs.push(row);
-                found.outputs.push(standardized(&run.outputs[(k + 1) * outputs..][..outputs], of_outputs).collect());
+                regressors.inputs.push(&row);
+                row.clear();
+                row.extend(standardized(&run.outputs[(k + 1) * outputs..][..outputs], of_outputs));
+                regressors.outputs.push(&row);
             }
         }
-        found
+        regressors
     }
 
     /// From the units of the table to the columns of [`regressors`](Self::regressors) and to the outputs.
     fn scaling(&self, history: [usize; 2]) -> Scaling {
         let [parameters, inputs, outputs] = &self.scales;
-        let repeated = |of: fn(&ColumnMoments) -> &Vec<f64>| -> Vec<f64> {
-            let past_outputs = (0..history[0]).flat_map(|_| of(outputs).iter().copied());
-            let past_inputs = (0..history[1]).flat_map(|_| of(inputs).iter().copied());
-            past_outputs.chain(past_inputs).chain(of(parameters).iter().copied()).collect()
-        };
         let (output_mean, output_scale) = outputs.clone();
-        let (input_mean, input_scale) = (repeated(|(means, _)| means), repeated(|(_, scales)| scales));
-        Scaling { input_mean, input_scale, output_mean, output_scale }
+        Scaling {
+            input_mean: [outputs.0.repeat(history[0]), inputs.0.repeat(history[1]), parameters.0.clone()].concat(),
+            input_scale: [outputs.1.repeat(history[0]), inputs.1.repeat(history[1]), parameters.1.clone()].concat(),
+            output_mean,
+            output_scale,
+        }
+    }
+}
+
+/// Past samples that a run knows at its first prediction: before a run from rest nothing moved, whatever the number.
+fn known_samples(run: &Run) -> usize {
+    match run.times.partition_point(|time| *time < 0.0) {
+        0 => usize::MAX,
+        given => given + 1,
     }
 }
 

@@ -13,6 +13,8 @@ use super::{
     standardized,
 };
 use crate::dataset::{Dataset, Run};
+use metafmu_runtime::Rows;
+use nalgebra::DMatrix;
 use std::borrow::Cow;
 
 /// Error of an ARX model with the inputs at the next sample over that without, below which they act directly.
@@ -37,18 +39,8 @@ impl DirectEffects {
         let past = samples.regressors(&samples.training, [LAGS.min(samples.known); 2]);
         let ahead = ahead(samples, &past);
         let all: Vec<usize> = (0..inputs).filter(|input| !dead_times.delays(*input)).collect();
-        // errors of the outputs, and effects of these inputs
-        let fitted = |acting: &[usize]| {
-            let columns = |row: &[f64]| acting.iter().map(|input| row[*input]).collect::<Vec<f64>>();
-            let rows = past.inputs.iter().zip(&ahead).map(|(past, ahead)| [past.as_slice(), &columns(ahead)].concat());
-            let regressors =
-                Regressors { inputs: rows.collect(), outputs: past.outputs.clone(), lengths: past.lengths.clone() };
-            let found = solve(&regressors)?;
-            let first = found.nrows() - 1 - acting.len();
-            Some((gains(&regressors, &found), found.rows(first, acting.len()).into_owned()))
-        };
-        let (with, effects) = fitted(&all)?;
-        let (without, _) = fitted(&[])?;
+        let FittedInputs { errors: with, effects } = FittedInputs::of(&past, &ahead, &all)?;
+        let without = FittedInputs::of(&past, &ahead, &[])?.errors;
         if with.iter().zip(&without).all(|(with, without)| *with >= CLEAR * without) {
             return None;
         }
@@ -56,7 +48,7 @@ impl DirectEffects {
         let [_, (_, of_inputs), (_, of_outputs)] = &samples.scales;
         for (place, input) in all.iter().enumerate() {
             let others: Vec<usize> = all.iter().copied().filter(|other| other != input).collect();
-            let (without, _) = fitted(&others)?;
+            let without = FittedInputs::of(&past, &ahead, &others)?.errors;
             let change = change(samples, *input);
             for output in 0..outputs {
                 let effect = effects[(place, output)];
@@ -117,14 +109,37 @@ impl DirectEffects {
     }
 }
 
+/// Fit of an ARX model in which some inputs act at the next sample.
+struct FittedInputs {
+    /// Standard deviation of the residual of each output.
+    errors: Vec<f64>,
+    /// Effect of each of these inputs on each output.
+    effects: DMatrix<f64>,
+}
+
+impl FittedInputs {
+    /// `ahead`: the inputs at the next sample, of which those of `acting` count.
+    fn of(past: &Regressors, ahead: &Rows, acting: &[usize]) -> Option<Self> {
+        let acting_ahead = ahead.select(acting);
+        let rows = past.inputs.iter().zip(&acting_ahead).map(|(past, acting)| [past, acting].concat());
+        let regressors =
+            Regressors { inputs: rows.collect(), outputs: past.outputs.clone(), lengths: past.lengths.clone() };
+        let coefficients = solve(&regressors)?;
+        let first = coefficients.nrows() - 1 - acting.len();
+        let effects = coefficients.rows(first, acting.len()).into_owned();
+        Some(Self { errors: gains(&regressors, &coefficients), effects })
+    }
+}
+
 /// Standardized inputs at the sample that follows, of each row of regressors of the training runs.
-fn ahead(samples: &DiscreteSamples, past: &Regressors) -> Vec<Vec<f64>> {
-    let inputs = samples.counts[1];
-    let of_run = |(run, length): (&&Run, &usize)| {
-        let rows = run.inputs.chunks(inputs).skip(run.times.len() - length);
-        rows.map(|row| standardized(row, &samples.scales[1]).collect()).collect::<Vec<Vec<f64>>>()
-    };
-    samples.training.iter().zip(&past.lengths).flat_map(of_run).collect()
+fn ahead(samples: &DiscreteSamples, past: &Regressors) -> Rows {
+    let mut ahead = Rows::default();
+    for (run, length) in samples.training.iter().zip(&past.lengths) {
+        for row in run.inputs.chunks(samples.counts[1]).skip(run.times.len() - length) {
+            ahead.push(&standardized(row, &samples.scales[1]).collect::<Vec<f64>>());
+        }
+    }
+    ahead
 }
 
 /// Root mean square change of a standardized input from sample to sample.

@@ -2,7 +2,7 @@
 
 use super::{DiscreteSamples, LearnedDiscrete, Regressors};
 use crate::{Result, study::Study};
-use metafmu_runtime::{Graph, Layer, ScaledNetwork, Scaling};
+use metafmu_runtime::{Graph, Layer, Rows, ScaledNetwork, Scaling};
 use nalgebra::DMatrix;
 
 /// Share of the sum of squares that keeps the coefficients of columns apart that are nearly the same, as those of fast sampling are.
@@ -65,25 +65,26 @@ impl LinearPart {
     }
 
     /// Residuals of the linear part for some regressors, in standard deviations.
-    pub(super) fn rest(&self, regressors: &Regressors) -> Vec<Vec<f64>> {
+    pub(super) fn rest(&self, regressors: &Regressors) -> Rows {
         let rows = rest(regressors, &self.linear);
-        rows.map(|rest| rest.zip(&self.gains).map(|(rest, gain)| rest / gain).collect()).collect()
+        rows.map(|rest| rest.zip(&self.gains).map(|(rest, gain)| rest / gain).collect::<Vec<f64>>()).collect()
     }
 }
 
 /// Coefficients of least squares, and constants below them, shape `[columns + 1, outputs]`; none if they are not determined.
 pub(super) fn solve(regressors: &Regressors) -> Option<DMatrix<f64>> {
     let Regressors { inputs, outputs, .. } = regressors;
-    let (rows, columns, functions) = (inputs.len(), inputs.first()?.len(), outputs.first()?.len());
+    if inputs.is_empty() {
+        return None;
+    }
+    let (rows, columns, functions) = (inputs.len(), inputs.width(), outputs.width());
     let ridge = (RIDGE * rows as f64).sqrt();
-    let element = |row: usize, column: usize| match row.checked_sub(rows) {
+    let matrix = DMatrix::from_fn(rows + columns, columns + 1, |row, column| match row.checked_sub(rows) {
         None => inputs[row].get(column).copied().unwrap_or(1.0),
         Some(row) => f64::from(u8::from(row == column)) * ridge,
-    };
-    let matrix = DMatrix::from_fn(rows + columns, columns + 1, element);
-    let mut sides = DMatrix::from_fn(rows + columns, functions, |row, output| {
-        outputs.get(row).map_or(0.0, |outputs| outputs[output])
     });
+    let mut sides =
+        DMatrix::from_fn(rows + columns, functions, |row, output| if row < rows { outputs[row][output] } else { 0.0 });
     let decomposition = matrix.qr();
     decomposition.q_tr_mul(&mut sides);
     let sides = sides.rows(0, columns + 1).into_owned();

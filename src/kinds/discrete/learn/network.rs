@@ -10,6 +10,7 @@ use crate::{
     study::TrainingOptions,
     training::{self, Recurrence, StopReason, TrainingRows, without_constants},
 };
+use metafmu_runtime::Rows;
 use std::sync::atomic::Ordering;
 
 /// Share of the budget for each training of a network.
@@ -155,12 +156,12 @@ fn beside(project: &Project, samples: &DiscreteSamples, part: &LinearPart) -> Re
 
 /// Rows of the residuals of the linear part.
 fn plain(part: &LinearPart, regressors: &Regressors) -> Result<TrainingRows> {
-    let [inputs, rest] = [&regressors.inputs, &part.rest(regressors)].map(|rows| single(rows));
+    let [inputs, rest] = [&regressors.inputs, &part.rest(regressors)].map(single);
     Ok(TrainingRows::new(part.linear.nrows() - 1, part.linear.ncols(), inputs, rest)?)
 }
 
-fn single(rows: &[Vec<f64>]) -> Vec<f32> {
-    rows.iter().flatten().map(|value| *value as f32).collect()
+fn single(rows: &Rows) -> Vec<f32> {
+    rows.values().iter().map(|value| *value as f32).collect()
 }
 
 /// Rows of stretches of the length `stretch`, which begin `apart` samples after each other.

@@ -37,13 +37,13 @@ fn of_degree(samples: &DiscreteSamples, history: [usize; 2], degree: u8) -> Opti
 
 /// Columns of each sample, and the change of the outputs to the next one.
 fn changes(samples: &DiscreteSamples, history: [usize; 2]) -> StandardizedRows {
-    let found = samples.regressors(&samples.training, history);
-    let change = |(row, next): (&Vec<f64>, &Vec<f64>)| next.iter().zip(row).map(|(next, now)| next - now).collect();
-    let y: Vec<Vec<f64>> = found.inputs.iter().zip(&found.outputs).map(change).collect();
+    let regressors = samples.regressors(&samples.training, history);
+    let rows = regressors.inputs.iter().zip(&regressors.outputs);
+    let y = rows.flat_map(|(row, next)| next.iter().zip(row).map(|(next, now)| next - now)).collect();
     let mut scaling = samples.scaling(history);
     scaling.output_mean.fill(0.0);
     let [inputs, outputs] = [scaling.input_mean.len(), scaling.output_mean.len()];
-    StandardizedRows { inputs, outputs, x: found.inputs.concat(), y: y.concat(), scaling }
+    StandardizedRows { inputs, outputs, x: regressors.inputs.into_values(), y, scaling }
 }
 
 /// Number of products of powers of `columns` columns with a sum of at most `degree`.

@@ -191,10 +191,8 @@ fn with_known_pasts(samples: &DiscreteSamples, regressors: Regressors, order: us
         (0..*length).map(move |row| row >= unknown)
     });
     let is_known: Vec<bool> = is_known.collect();
-    let known = |rows: Vec<Vec<f64>>| -> Vec<Vec<f64>> {
-        rows.into_iter().zip(&is_known).filter(|(_, is_known)| **is_known).map(|(row, _)| row).collect()
-    };
-    Regressors { inputs: known(inputs), outputs: known(outputs), lengths }
+    let known: Vec<usize> = (0..is_known.len()).filter(|row| is_known[*row]).collect();
+    Regressors { inputs: inputs.pick(&known), outputs: outputs.pick(&known), lengths }
 }
 
 /// ARX model with `order` lags, by least squares.
