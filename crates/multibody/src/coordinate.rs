@@ -263,6 +263,13 @@ impl Coordinate {
     }
 }
 
+/// Largest entry of a change of the coordinates of bodies, lengths in parts of `length`.
+pub fn size_of_change(change: &DVector<f64>, length: f64) -> f64 {
+    let entries = change.iter().enumerate();
+    let sizes = entries.map(|(index, value)| if index % 3 == 2 { value.abs() } else { value.abs() / length });
+    sizes.fold(0.0, f64::max)
+}
+
 /// A vector of a frame in the ground frame.
 pub fn turned(frame: Frame, vector: Vector2<f64>, q: &impl Positions) -> Vector2<f64> {
     frame.map_or(vector, |body| q.turn(body, vector))

@@ -13,6 +13,7 @@
 
 use super::{
     constraint::{Constraint, Constraints, Target},
+    coordinate::size_of_change,
     error::{MotionCause, MotionError},
     model::MultibodyModel,
 };
@@ -74,7 +75,7 @@ pub(super) fn settle(
         let step = loop {
             let step = step(&model.mass, h, &stiffness, &transposed, &residual, &held.residual(t, q));
             let step = step.filter(|step| left <= DECIDED * scale || step.dot(&residual) > 0.0);
-            match step.filter(|step| size(step, length) <= LARGEST_STEP) {
+            match step.filter(|step| size_of_change(step, length) <= LARGEST_STEP) {
                 Some(step) => break step,
                 None if h < f64::MIN_POSITIVE / f64::EPSILON => return Err(none_found(left)),
                 None => h *= 0.1,
@@ -85,12 +86,6 @@ pub(super) fn settle(
         h *= 3.0;
     }
     Err(none_found(left))
-}
-
-/// Largest entry of a step in the coordinates of bodies, lengths in parts of `length`.
-fn size(step: &DVector<f64>, length: f64) -> f64 {
-    let sizes = step.iter().enumerate().map(|(k, by)| by.abs() / if k % 3 == 2 { 1.0 } else { length });
-    sizes.fold(0.0, f64::max)
 }
 
 /// The largest weight, or force of a spring or an effort. Their sum vanishes in equilibrium.

@@ -7,6 +7,7 @@
 use super::{
     constraint::{Constraints, DEPENDENT, Target, independence, null_space},
     coordinate::TurnedBodies,
+    coordinate::size_of_change,
     measure::Measure,
     model::MultibodyModel,
 };
@@ -140,10 +141,10 @@ fn follows(model: &MultibodyModel, some: &Constraints, others: &Constraints, q: 
         sum + motion * (1.0 + index as f64).sqrt()
     });
     let (mut moved, mut tried) = (0, 0);
-    for motion in motions.iter().chain([&sum]).filter(|motion| size(motion, length) > 0.0) {
+    for motion in motions.iter().chain([&sum]).filter(|motion| size_of_change(motion, length) > 0.0) {
         for sign in [-1.0, 1.0] {
             tried += 1;
-            let mut q = q + motion * (sign * DISPLACEMENT / size(motion, length));
+            let mut q = q + motion * (sign * DISPLACEMENT / size_of_change(motion, length));
             // a displacement may be out of reach
             if others.correct_positions(0.0, &mut q).is_err() {
                 continue;
@@ -161,11 +162,4 @@ fn follows(model: &MultibodyModel, some: &Constraints, others: &Constraints, q: 
 fn dependent_rows(gradients: &DMatrix<f64>) -> BTreeSet<usize> {
     let vectors = null_space(gradients);
     (0..gradients.ncols()).filter(|row| vectors.iter().any(|vector| vector[*row].abs() > 1e-6)).collect()
-}
-
-/// Largest entry of a motion in the coordinates of bodies, lengths in parts of `length`.
-fn size(motion: &DVector<f64>, length: f64) -> f64 {
-    let entries = motion.iter().enumerate();
-    let sizes = entries.map(|(index, value)| if index % 3 == 2 { value.abs() } else { value.abs() / length });
-    sizes.fold(0.0, f64::max)
 }

@@ -96,13 +96,11 @@ fn naming(variables: &[ScalarVariable]) -> NamingConvention {
 
 /// Returns true if a name is one of parts with dots between them, or the derivative of such a name.
 fn is_structured(name: &str) -> bool {
-    {
-        let inner = name.strip_prefix("der(").and_then(|name| name.strip_suffix(')')).unwrap_or(name);
-        inner.split('.').all(|part| {
-            part.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_')
-                && part.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')
-        })
-    }
+    let inner = name.strip_prefix("der(").and_then(|name| name.strip_suffix(')')).unwrap_or(name);
+    inner.split('.').all(|part| {
+        part.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_')
+            && part.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')
+    })
 }
 
 /// Returns true if metafmu made the FMU, by its description.

@@ -91,8 +91,9 @@ pub fn is_missing(binary: &[u8]) -> bool {
 /// Symbols have such names in ELF files, and behind a further underscore in those of macOS.
 fn is_symbol(name: &[u8]) -> bool {
     let start = name.iter().take(2).take_while(|byte| **byte == b'_').count();
-    let is_identifier = name.iter().all(|byte| byte.is_ascii_alphanumeric() || *byte == b'_');
-    name[start..].starts_with(b"Py") && name[start..].contains(&b'_') && is_identifier
+    name[start..].starts_with(b"Py")
+        && name[start..].contains(&b'_')
+        && name.iter().all(|byte| byte.is_ascii_alphanumeric() || *byte == b'_')
 }
 
 /// Loads the library of the interpreter that `python3` starts, so that binaries loaded later find its symbols. In a

@@ -462,16 +462,19 @@ impl<'a, 'b, P: ImplicitProblem> RadauRun<'a, 'b, P> {
 }
 
 /// Size of the first step of an integration, if the next time is at this distance; never more than the last step of the one before.
+#[inline]
 fn first_step(distance: f64, budget: &Budget) -> f64 {
     let step = FIRST * distance;
     if budget.last_step() > 0.0 { step.min(budget.last_step()) } else { step }
 }
 
 /// Factor between the size of a step with this error and the size that just meets the tolerance, with a margin.
+#[inline]
 fn step_factor(error: f64) -> f64 {
     0.9 * error.max(1e-16).powf(-1.0 / (STAGES + 1) as f64)
 }
 
+#[inline]
 fn complex([re, im]: [f64; 2]) -> Complex<f64> {
     Complex::new(re, im)
 }

@@ -204,8 +204,11 @@ impl<'a> Csv<'a> {
     /// Takes the second row for units if it holds no number.
     fn read_units(&mut self, columns: &mut [TableColumn]) -> Result<()> {
         self.is_waiting = self.next_row()?;
+        if !self.is_waiting {
+            return Ok(());
+        }
         let has_number = self.record.fields().any(|field| field.replacen(',', ".", 1).parse::<f64>().is_ok());
-        if self.is_waiting && !has_number && self.record.fields().any(|field| !field.is_empty()) {
+        if !has_number && self.record.fields().any(|field| !field.is_empty()) {
             for (column, field) in columns.iter_mut().zip(self.record.fields()) {
                 let unit = bracketed(&field).unwrap_or(&field);
                 column.unit = Some(unit.to_owned()).filter(|unit| !unit.is_empty()).or(column.unit.take());
