@@ -38,13 +38,15 @@ else
   trap 'kill -- -$set_up 2>/dev/null || true' EXIT
 fi
 
-# the unit tests of the two largest crates are optimized less, to compile sooner; what they link, and what all other tests run, is as released:
-# nothing of the first line depends on the core
+# the unit tests of the core, and of the crates of the tool, are optimized less, to compile sooner; what they link below, and what all other
+# tests run, is as released: no crate that is tested in the first line depends on the core
 unit_tests() {
   local quick=profile.release.package
-  cargo test --workspace --exclude metafmu --exclude metafmu-baselines --exclude metafmu-python --lib --release --locked \
+  local tool=(metafmu metafmu-source metafmu-surrogate metafmu-report metafmu-export) above_core=(metafmu-baselines)
+  cargo test --workspace $(printf -- '--exclude %s ' "${tool[@]}" "${above_core[@]}" metafmu-python metafmu-testing) --lib --release --locked \
     --config $quick.metafmu-core.opt-level=1 --config $quick.metafmu-core.codegen-units=16
-  cargo test --package metafmu --package metafmu-baselines --lib --release --locked --config $quick.metafmu.opt-level=0
+  cargo test $(printf -- '--package %s ' "${tool[@]}" "${above_core[@]}") --lib --release --locked \
+    $(printf -- "--config $quick.%s.opt-level=0 " "${tool[@]}")
 }
 # with the interpreter of the tests; models of PyTorch are left out, which is gigabytes
 python_package() {

@@ -2,7 +2,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use metafmu::{import::onnx, interface::{ColumnSource, Mapping, OutputSource}};
+use metafmu::import::{interface::{ColumnSource, Mapping, OutputSource}, onnx};
 
 fuzz_target!(|bytes: &[u8]| {
     let Ok(imported) = onnx::read(bytes, None) else { return };

@@ -1,4 +1,4 @@
-//! Course of a training: its progress, its checkpoints, and its result.
+//! Course of a training: its progress and its checkpoints.
 
 use crate::{
     Error, Result, files,

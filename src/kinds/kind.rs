@@ -84,9 +84,16 @@ pub trait SurrogateKind: Sync {
     fn load_unseen(&self, project: &Project, _: &TrainingRecord) -> Result<UnseenData> {
         Ok(UnseenData {
             test: self.unseen_runs(&project.study, project.load_table("test")?),
-            calibration: Some(project.load_table("calibration")?),
             record: project.load_samples_record()?,
         })
+    }
+
+    /// Reads the runs that error bounds are measured on; none of a kind without runs.
+    ///
+    /// # Errors
+    /// Those of [`load_unseen`](Self::load_unseen).
+    fn load_calibration(&self, project: &Project) -> Result<Option<Dataset>> {
+        project.load_table("calibration").map(Some)
     }
 
     /// Reason why no simpler models are compared with the surrogate; none if they are.

@@ -12,8 +12,6 @@ use metafmu_runtime::{Rows, Surrogate};
 pub struct UnseenData {
     /// The data that its accuracy is measured on.
     pub test: UnseenRuns,
-    /// Runs that error bounds are measured on; none of data without runs.
-    pub calibration: Option<Dataset>,
     /// Record of all samples.
     pub record: SamplesRecord,
 }

@@ -77,9 +77,9 @@ pub fn build(project: &Project, plan: &ExportPlan, resume: bool) -> Result<Built
 
 /// The stages of a build.
 fn run(project: &Project, plan: &ExportPlan, resume: bool, stages: &mut Stages) -> Result<Built> {
-    let LearnedWithData { surrogate, training, train_runs, unseen } = learn(project, resume, stages)?;
+    let LearnedWithData { surrogate, training, train_runs, calibration, unseen } = learn(project, resume, stages)?;
     let mut evaluated = unseen.test.evaluated(&surrogate);
-    evaluate::complete(project, &surrogate, &training, &unseen, &mut evaluated.accuracy)?;
+    evaluate::complete(project, &surrogate, &training, (&unseen, calibration.as_ref()), &mut evaluated.accuracy)?;
     stages.stage = BuildStage::Comparison;
     let comparison = match &train_runs {
         Some(train) => compare_in_build(project, &evaluated, &training, train)?,
@@ -97,6 +97,8 @@ struct LearnedWithData {
     training: TrainingRecord,
     /// The runs that it was learned from; none if it was learned from rows.
     train_runs: Option<Dataset>,
+    /// Runs that error bounds are measured on.
+    calibration: Option<Dataset>,
     unseen: UnseenData,
 }
 
@@ -106,15 +108,15 @@ fn learn(project: &Project, resume: bool, stages: &mut Stages) -> Result<Learned
     if let Learning::FromRows(fit) = kind.learning(&project.study) {
         let (surrogate, training) = training::from_rows(project, fit, resume)?;
         let unseen = kind.load_unseen(project, &training)?;
-        return Ok(LearnedWithData { surrogate, training, train_runs: None, unseen });
+        return Ok(LearnedWithData { surrogate, training, train_runs: None, calibration: None, unseen });
     }
     let kept = if resume { sample::kept(project)? } else { None };
     let Samples { sets, record } = kept.map_or_else(|| sample::stage(project), Ok)?;
     stages.stage = BuildStage::Training;
     let (surrogate, training) = rounds::stage(project, &sets.train, &sets.calibration, resume)?;
     let test = kind.unseen_runs(&project.study, sets.test);
-    let unseen = UnseenData { test, calibration: Some(sets.calibration), record };
-    Ok(LearnedWithData { surrogate, training, train_runs: Some(sets.train), unseen })
+    let (train_runs, calibration) = (Some(sets.train), Some(sets.calibration));
+    Ok(LearnedWithData { surrogate, training, train_runs, calibration, unseen: UnseenData { test, record } })
 }
 
 /// Writes and validates the results of a surrogate and its accuracy.

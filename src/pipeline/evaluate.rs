@@ -49,11 +49,12 @@ pub struct Metrics {
 /// [`Error::Stale`](crate::Error::Stale) if one of them is missing or of another study, [`Error::Io`](crate::Error::Io).
 pub fn evaluate(project: &Project) -> Result<(Metrics, Verdict)> {
     let (surrogate, training) = (project.load_model()?, project.load_training_record()?);
-    let unseen = kinds::of(&project.study).load_unseen(project, &training)?;
+    let kind = kinds::of(&project.study);
+    let (unseen, calibration) = (kind.load_unseen(project, &training)?, kind.load_calibration(project)?);
     project.prepare_folder()?;
     let mut accuracy = unseen.test.evaluated(&surrogate).accuracy;
     let comparison = project.load_comparison(&accuracy)?;
-    complete(project, &surrogate, &training, &unseen, &mut accuracy)?;
+    complete(project, &surrogate, &training, (&unseen, calibration.as_ref()), &mut accuracy)?;
     let cost = measure_cost(project, &surrogate, &unseen.test.runs)?;
     let validation = project.load_validation(&surrogate);
     let judged = JudgedAccuracy::new(project, &surrogate, accuracy, comparison.as_ref(), &training, validation);
@@ -65,12 +66,12 @@ pub(super) fn complete(
     project: &Project,
     surrogate: &Surrogate,
     training: &TrainingRecord,
-    unseen: &UnseenData,
+    (unseen, calibration): (&UnseenData, Option<&Dataset>),
     accuracy: &mut Accuracy,
 ) -> Result<()> {
     let test = &unseen.test.runs;
     add_residual(project, surrogate, test, accuracy)?;
-    if let Some(calibration) = &unseen.calibration {
+    if let Some(calibration) = calibration {
         add_calibration(project, surrogate, calibration, accuracy);
     }
     add_dead_points(project, accuracy)?;

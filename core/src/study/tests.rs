@@ -515,3 +515,13 @@ fn actuator_states_of_a_mechanism_are_states_of_a_study() {
         assert!(message.contains(says), "{message}\n{says}");
     }
 }
+
+#[test]
+fn every_structure_of_the_schema_is_known_by_its_name() {
+    let schema = serde_json::to_value(schemars::schema_for!(StudyStructure)).unwrap();
+    let names: Vec<&str> =
+        schema["oneOf"].as_array().unwrap().iter().map(|one| one["const"].as_str().unwrap()).collect();
+    assert!(
+        names.len() >= 5 && names.iter().all(|name| StudyStructure::named(name).is_some_and(|of| of.name() == *name))
+    );
+}

@@ -1,4 +1,4 @@
-//! Records of a training beside the surrogate: `training.json`, and the speeds in `metrics.json`.
+//! Records of a training beside the surrogate: `training.json`.
 
 mod compliant;
 mod discrete;

@@ -12,6 +12,7 @@ use super::{
 };
 use crate::{
     Result,
+    dataset::Dataset,
     project::{Project, SamplesRecord},
     study::Study,
 };
@@ -54,6 +55,10 @@ impl SurrogateKind for StaticKind {
 
     fn load_unseen(&self, project: &Project, training: &TrainingRecord) -> Result<UnseenData> {
         unseen_table::load(project, training)
+    }
+
+    fn load_calibration(&self, _: &Project) -> Result<Option<Dataset>> {
+        Ok(None)
     }
 
     fn no_baselines(&self) -> Option<&'static str> {

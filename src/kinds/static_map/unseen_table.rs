@@ -75,7 +75,7 @@ pub(super) fn load(project: &Project, training: &TrainingRecord) -> Result<Unsee
     }
     let rows = Dataset::of_rows(inputs, outputs, &points, &labels);
     let test = UnseenRuns::predicted(rows, predictions, record.unseen);
-    Ok(UnseenData { test, calibration: None, record: samples(project, record) })
+    Ok(UnseenData { test, record: samples(project, record) })
 }
 
 /// The rows of the table as a record of samples.
