@@ -215,7 +215,7 @@ pub(super) fn of_surrogate(study: &Study) -> String {
         export,
         bounds,
         target,
-        // the kind has these, if they are of its own
+        // the kind adds the options of its own section
         dynamics: _,
         discrete: _,
         static_map: _,

@@ -148,19 +148,21 @@ pub(super) const PLACEHOLDER: &str = "name = 'study'\nsource = { system = 'none'
 const PLACEHOLDER_TIME: TimeOptions = TimeOptions { stop: 1.0, step: 1.0, margin: 0.0 };
 
 fn given_keys(root: &DeTable<'_>) -> GivenKeys {
-    let gives = |section: &str, key: &str| {
-        let section = root.get(section).and_then(|section| section.get_ref().as_table());
-        section.is_some_and(|section| section.contains_key(key))
-    };
     GivenKeys {
         network: root.contains_key("network"),
-        hidden: gives("network", "hidden"),
+        hidden: gives(root, "network", "hidden"),
         training: root.contains_key("training"),
-        epochs: gives("training", "epochs"),
-        clip_norm: gives("training", "clip_norm"),
-        schedule: gives("training", "schedule"),
-        batch: gives("training", "batch"),
+        epochs: gives(root, "training", "epochs"),
+        clip_norm: gives(root, "training", "clip_norm"),
+        schedule: gives(root, "training", "schedule"),
+        batch: gives(root, "training", "batch"),
     }
+}
+
+/// Returns true if a section of a study has a key.
+fn gives(root: &DeTable<'_>, section: &str, key: &str) -> bool {
+    let section = root.get(section).and_then(|section| section.get_ref().as_table());
+    section.is_some_and(|section| section.contains_key(key))
 }
 
 fn replace(root: &mut Spanned<DeTable<'_>>, sections: &[String]) {

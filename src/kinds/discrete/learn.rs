@@ -50,8 +50,8 @@ fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
     let began = Instant::now();
     let effects = InputEffects::of(project, dataset);
     let delayed = effects.removed(dataset);
-    let runs = prepare::split(&delayed.runs, &study.training, study.seed);
-    let samples = DiscreteSamples::new(study.time.step, &delayed, runs);
+    let (training, validation) = prepare::split(&delayed.runs, &study.training, study.seed);
+    let samples = DiscreteSamples::new(study.time.step, &delayed, training, validation);
     let assembly = SampledAssembly {
         study,
         dataset,
@@ -327,8 +327,18 @@ impl LearnedDiscrete {
     }
 }
 
-/// Means and standard deviations.
-type ColumnMoments = (Vec<f64>, Vec<f64>);
+/// Means and standard deviations of columns.
+struct ColumnMoments {
+    means: Vec<f64>,
+    scales: Vec<f64>,
+}
+
+impl ColumnMoments {
+    fn of<'a>(rows: impl Iterator<Item = &'a [f64]> + Clone) -> Self {
+        let (means, scales) = scaling::of_columns(rows);
+        Self { means, scales }
+    }
+}
 
 /// Samples of a discrete-time model: the runs and their columns.
 struct DiscreteSamples<'a> {
@@ -359,14 +369,14 @@ impl Regressors {
 }
 
 impl<'a> DiscreteSamples<'a> {
-    fn new(step: f64, dataset: &Dataset, (training, validation): (Vec<&'a Run>, Vec<&'a Run>)) -> Self {
+    fn new(step: f64, dataset: &Dataset, training: Vec<&'a Run>, validation: Vec<&'a Run>) -> Self {
         let [inputs, outputs] = [dataset.inputs.len(), dataset.outputs.len()];
         // what inputs and outputs were before the start are parameters too
         let counts = [dataset.parameters.len() - inputs - outputs, inputs, outputs];
         let scales = [
-            scaling::of_columns(training.iter().map(|run| &run.parameters[..counts[0]])),
-            scaling::of_columns(training.iter().flat_map(|run| run.inputs.chunks(inputs.max(1)))),
-            scaling::of_columns(training.iter().flat_map(|run| run.outputs.chunks(outputs.max(1)))),
+            ColumnMoments::of(training.iter().map(|run| &run.parameters[..counts[0]])),
+            ColumnMoments::of(training.iter().flat_map(|run| run.inputs.chunks(inputs.max(1)))),
+            ColumnMoments::of(training.iter().flat_map(|run| run.outputs.chunks(outputs.max(1)))),
         ];
         let known = training.iter().chain(&validation).map(|run| known_samples(run)).min().unwrap_or(usize::MAX);
         Self { counts, step, training, validation, scales, known }
@@ -431,12 +441,13 @@ impl<'a> DiscreteSamples<'a> {
     /// From the units of the table to the columns of [`regressors`](Self::regressors) and to the outputs.
     fn scaling(&self, history: [usize; 2]) -> Scaling {
         let [parameters, inputs, outputs] = &self.scales;
-        let (output_mean, output_scale) = outputs.clone();
+        let means = [outputs.means.repeat(history[0]), inputs.means.repeat(history[1]), parameters.means.clone()];
+        let scales = [outputs.scales.repeat(history[0]), inputs.scales.repeat(history[1]), parameters.scales.clone()];
         Scaling {
-            input_mean: [outputs.0.repeat(history[0]), inputs.0.repeat(history[1]), parameters.0.clone()].concat(),
-            input_scale: [outputs.1.repeat(history[0]), inputs.1.repeat(history[1]), parameters.1.clone()].concat(),
-            output_mean,
-            output_scale,
+            input_mean: means.concat(),
+            input_scale: scales.concat(),
+            output_mean: outputs.means.clone(),
+            output_scale: outputs.scales.clone(),
         }
     }
 }
@@ -449,6 +460,6 @@ fn known_samples(run: &Run) -> usize {
     }
 }
 
-fn standardized<'a>(values: &'a [f64], (means, scales): &'a ColumnMoments) -> impl Iterator<Item = f64> + 'a {
-    values.iter().zip(means).zip(scales).map(|((value, mean), scale)| (value - mean) / scale)
+fn standardized<'a>(values: &'a [f64], moments: &'a ColumnMoments) -> impl Iterator<Item = f64> + 'a {
+    values.iter().zip(&moments.means).zip(&moments.scales).map(|((value, mean), scale)| (value - mean) / scale)
 }

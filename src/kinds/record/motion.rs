@@ -89,7 +89,7 @@ impl CornerRecord {
 }
 
 impl CornerError {
-    /// The error as text, if it is above the limit or is not a number.
+    /// The error as text, if it is above the limit or NaN.
     fn poor(&self) -> Option<String> {
         let is_good = self.error <= POOR;
         (!is_good).then(|| power(self.error, 1))

@@ -23,13 +23,13 @@ pub(super) fn cross_validation(
     assembly: &SampledAssembly,
 ) -> Result<Option<f64>> {
     let (study, dataset) = (&project.study, assembly.dataset);
-    let (_, scales) =
-        &DiscreteSamples::new(study.time.step, dataset, (dataset.runs.iter().collect(), Vec::new())).scales[2];
+    let all = DiscreteSamples::new(study.time.step, dataset, dataset.runs.iter().collect(), Vec::new());
+    let scales = &all.scales[2].scales;
     let mut sum = 0.0;
     for part in 0..PARTS {
         let (seen, _) = divided(delayed, part);
-        let samples =
-            DiscreteSamples::new(study.time.step, delayed, prepare::split(&seen, &study.training, study.seed));
+        let (training, validation) = prepare::split(&seen, &study.training, study.seed);
+        let samples = DiscreteSamples::new(study.time.step, delayed, training, validation);
         let Some(models) = unless_interrupted(project, samples.learn(project, kind), true)? else { return Ok(None) };
         if models.iter().any(|model| model.stopped == StopReason::Interrupted) {
             return Ok(None);

@@ -123,7 +123,7 @@ pub(super) fn few(dataset: &Dataset) -> Dataset {
 
 /// Root mean square error of the next sample by an ARX model; none if it is not determined.
 fn error(step: f64, dataset: &Dataset) -> Option<f64> {
-    let samples = DiscreteSamples::new(step, dataset, (dataset.runs.iter().collect(), Vec::new()));
+    let samples = DiscreteSamples::new(step, dataset, dataset.runs.iter().collect(), Vec::new());
     let regressors = samples.regressors(&samples.training, [LAGS.min(samples.known); 2]);
     let gains = gains(&regressors, &solve(&regressors)?);
     Some(gains.iter().map(|gain| gain * gain).sum::<f64>().sqrt())

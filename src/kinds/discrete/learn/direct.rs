@@ -30,7 +30,7 @@ impl DirectEffects {
     /// Effects with which an ARX model predicts the next sample clearly better than without. Inputs with a dead time have none.
     pub fn of(step: f64, late: &Dataset, dead_times: &DeadTimes) -> Self {
         let few = few(late);
-        let samples = DiscreteSamples::new(step, &few, (few.runs.iter().collect(), Vec::new()));
+        let samples = DiscreteSamples::new(step, &few, few.runs.iter().collect(), Vec::new());
         Self::of_samples(&samples, dead_times).unwrap_or(Self(Vec::new()))
     }
 
@@ -45,7 +45,7 @@ impl DirectEffects {
             return None;
         }
         let mut direct = vec![0.0; outputs * inputs];
-        let [_, (_, of_inputs), (_, of_outputs)] = &samples.scales;
+        let [_, of_inputs, of_outputs] = &samples.scales;
         for (place, input) in all.iter().enumerate() {
             let others: Vec<usize> = all.iter().copied().filter(|other| other != input).collect();
             let without = FittedInputs::of(&past, &ahead, &others)?.errors;
@@ -53,7 +53,7 @@ impl DirectEffects {
             for output in 0..outputs {
                 let effect = effects[(place, output)];
                 if with[output] < CLEAR * without[output] && effect.abs() * change > LEAST {
-                    direct[output * inputs + input] = effect * of_outputs[output] / of_inputs[*input];
+                    direct[output * inputs + input] = effect * of_outputs.scales[output] / of_inputs.scales[*input];
                 }
             }
         }
@@ -144,7 +144,7 @@ fn ahead(samples: &DiscreteSamples, past: &Regressors) -> Rows {
 
 /// Root mean square change of a standardized input from sample to sample.
 fn change(samples: &DiscreteSamples, input: usize) -> f64 {
-    let (inputs, scale) = (samples.counts[1], samples.scales[1].1[input]);
+    let (inputs, scale) = (samples.counts[1], samples.scales[1].scales[input]);
     let (mut squares, mut count) = (0.0, 0.0);
     for run in &samples.training {
         for row in 1..run.times.len() {
